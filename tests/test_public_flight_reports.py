@@ -55,19 +55,19 @@ REPORTS = (
     ),
     FlightReport(
         name="an attitude of another time", base=OBLIQUE, family="attitude", way="roll and pitch 5 s late",
-        answer="^not proved: roll and pitch do not fit the accelerations that were flown",
+        answer="^not proved: roll and pitch do not match the flown accelerations",
     ),
     FlightReport(
         name="one flight as two logs", base=SURVEY, family="one flight twice", way="one of",
-        answer=r"^failed: the required overlap, 8 photos of every point, is met on 11\.",
+        answer=r"^failed: the required overlap, 8 photos of every point, is achieved on 11\.",
     ),
     FlightReport(
         name="bands of one camera", base=SURVEY, family="photos that are one look", way="bands",
-        answer=r"^failed: the required overlap, 8 photos of every point, is met on 11\.",
+        answer=r"^failed: the required overlap, 8 photos of every point, is achieved on 11\.",
     ),
     FlightReport(
         name="a vehicle that hovers", base=SURVEY, family="photos that are one look", way="hovering",
-        answer=r"^failed: the required overlap, 8 photos of every point, is met on 13\.",
+        answer=r"^failed: the required overlap, 8 photos of every point, is achieved on 13\.",
     ),
 )  # fmt: skip
 

@@ -19,8 +19,10 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "uavcover.evidence": "other evidence of flights than tracks, for verify: the module uavcover.extras.photos.any_flight",
         "uavcover.fleets": "several vehicles at the same time: the module uavcover.extras.fleet",
         "uavcover.large_areas": "planning by parts (uavcover.planner.plan_search.LargeAreas)",
-        "uavcover.exporters": "formats for export: a function of uavcover.missions.mission_files.Exporter's form",
-        "uavcover.sensors": "sensors: a class derived from a built-in one (uavcover.model.sensor), or a function to its table",
+        "uavcover.exporters": "formats for export: a function with the signature of uavcover.missions.mission_files.Exporter",
+        "uavcover.sensors": (
+            "sensors: a class derived from a built-in one (uavcover.model.sensor), or a function that returns its table"
+        ),
         "uavcover.area_readers": "formats of areas by suffix, without its dot: a function of text and name (AreaDocument)",
         "uavcover.log_readers": "formats of flight logs by suffix, without its dot: a function of the path (LoggedRows)",
         "uavcover.algorithms": "optimizers by name: a class with ask and tell (docs/reference/optimizers.md)",
@@ -49,7 +51,7 @@ def load(group: str, name: str) -> Any:
     """
     entry = registered(group).get(name)
     if entry is None:
-        raise InputError(f"{name}: not installed; {group} has {', '.join(registered(group)) or 'nothing'}")
+        raise InputError(f"{name}: this is not installed; {group} has {', '.join(registered(group)) or 'nothing'}")
     try:
         return entry.load()
     except Exception as error:

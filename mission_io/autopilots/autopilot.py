@@ -267,7 +267,7 @@ def autopilot_for(mav_autopilot: int, vehicle_type: int = VehicleClass.GENERIC) 
     if mav_autopilot == AutopilotId.PX4:
         return PX4
     if mav_autopilot != AutopilotId.ARDUPILOT:
-        raise MisuseError(f"autopilot {mav_autopilot} is not known; mission_io knows ArduPilot (3) and PX4 (12)")
+        raise MisuseError(f"autopilot {mav_autopilot} is not known; mission_io supports ArduPilot (3) and PX4 (12)")
     if vehicle_type == VehicleClass.GENERIC:  # what ArduCopter says until it knows its frame
         return ARDUPILOT
     return _ARDUPILOT_OF_KIND.get(kind_of(vehicle_type), _ARDUPILOT_OTHER)

@@ -55,8 +55,10 @@ def check_for_autopilot(
     known_limit = autopilot.item_limit if autopilot.item_limit is not None else _WHOLE_ITEM_COUNT
     limit = known_limit if item_limit is None else item_limit
     if len(items) > limit:
-        remedy = "split the mission" if mission_type is MissionType.MISSION else "give fewer or simpler zones or points"
-        problems.append(Problem(None, "", f"{len(items)} items, {autopilot.name} takes {limit}; {remedy}"))
+        remedy = "split the mission" if mission_type is MissionType.MISSION else "use fewer or simpler zones or points"
+        problems.append(
+            Problem(None, "", f"{len(items)} items, but the limit of {autopilot.name} is {limit}; {remedy}")
+        )
     if mission_type is MissionType.MISSION and autopilot.home_in_item_0 and items:
         problems.extend(_home_problems(items[0], autopilot))
     for number, item in enumerate(items):
@@ -135,21 +137,21 @@ def _item_problems(item: MissionItem, autopilot: Autopilot, count: int) -> list[
     nan_allowed = autopilot.nan_allowed.get(item.command, autopilot.nan_allowed.get(0, frozenset()))
     for number, value in enumerate(item.params, start=1):
         if math.isnan(value) and number not in nan_allowed:
-            found.append((f"param{number}", f"NaN is not taken by {autopilot.name} here; give a number"))
+            found.append((f"param{number}", f"{autopilot.name} does not accept NaN here; use a number"))
     for name, value in item.values():
         if math.isinf(value) or abs(value) > _LARGEST_FLOAT32:
-            found.append((name, f"{value} cannot be sent; give a finite number"))
+            found.append((name, f"{value} cannot be sent; use a finite number"))
         elif (changed := _change_in_storage(item, autopilot, name, value)) is not None:
             found.append((name, changed))
     if math.isnan(item.alt_m):
-        found.append(("alt_m", "is not a number; give a height in metres"))
+        found.append(("alt_m", "is not a number; use a height in metres"))
     if item.has_position:
         if not -90.0 <= item.lat_deg <= 90.0:
             found.append(("lat_deg", f"latitude {item.lat_deg} is not from -90 to 90"))
         if not -180.0 <= item.lon_deg <= 180.0:
             found.append(("lon_deg", f"longitude {item.lon_deg} is not from -180 to 180"))
     elif not (item.lat_deg.is_integer() and item.lon_deg.is_integer()):
-        found.append(("", "parameters 5 and 6 of a command without a position travel as whole numbers"))
+        found.append(("", "parameters 5 and 6 of a command without a position are sent as whole numbers"))
     return found + _meaning_problems(item, range(int(autopilot.home_in_item_0), count))
 
 
@@ -170,20 +172,22 @@ def _meaning_problems(item: MissionItem, to_fly: range) -> list[tuple[str, str]]
     if item.command == Command.NAV_WAYPOINT and first > _LONGEST_HOLD_S:
         return [("param1", f"a hold of {first:g} s is longer than {_LONGEST_HOLD_S} s")]
     if item.command == Command.NAV_DELAY and first < 0 and all(value < 0 for value in item.params[1:]):
-        return [("param1", f"a delay of {first:g} s, and no time of day either; a wait cannot be negative")]
+        return [("param1", f"a delay of {first:g} s without a time of day; a wait cannot be negative")]
     if item.command == Command.DO_JUMP and first not in to_fly:
-        return [("param1", f"a jump to item {first:g}, the list has items {to_fly.start} to {to_fly.stop - 1}")]
+        return [("param1", f"a jump to item {first:g}, but the list has items {to_fly.start} to {to_fly.stop - 1}")]
     if item.command == Command.DO_CHANGE_SPEED and not (second > 0 or second in (-1, -2)):
-        return [("param2", f"a speed of {second:g} m/s; give one above 0")]
+        return [("param2", f"a speed of {second:g} m/s; it must be above 0")]
     if item.command == Command.DO_SET_CAM_TRIGG_DIST and first < 0:
-        return [("param1", f"a distance of {first:g} m; give 0 to stop, or one above 0")]
+        return [("param1", f"a distance of {first:g} m; use 0 to stop, or a distance above 0")]
     return []
 
 
 def _frame_problems(item: MissionItem, autopilot: Autopilot) -> list[tuple[str, str]]:
     if item.command in WITHOUT_POSITION or not item.has_position:
         if item.frame not in autopilot.position_free_frames:
-            return [("frame", f"{autopilot.name} takes this command only in frame 2 (no position)")]
+            return [("frame", f"{autopilot.name} accepts this command only in frame 2 (no position)")]
     elif item.frame not in autopilot.frames:
-        return [("frame", f"{autopilot.name} does not take heights {item.frame.name}; use ABOVE_HOME or AMSL")]
+        return [
+            ("frame", f"{autopilot.name} does not accept heights in frame {item.frame.name}; use ABOVE_HOME or AMSL")
+        ]
     return []

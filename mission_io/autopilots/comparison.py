@@ -64,7 +64,7 @@ def compare_items(
     """Every difference between two item lists on the wire; empty when they are equal to the last bit."""
     differences: list[Difference] = []
     if len(sent) != len(received):
-        why = "items were lost" if len(received) < len(sent) else "the vehicle holds items that were not sent"
+        why = "items were lost" if len(received) < len(sent) else "the vehicle has items that were not sent"
         differences.append(Difference(None, "count", len(sent), len(received), False, why))
     home_first = autopilot.home_in_item_0 and mission_type is MissionType.MISSION
     for number, (a, b) in enumerate(zip(sent, received, strict=False)):
@@ -101,7 +101,7 @@ def fault_text(differences: Sequence[Difference]) -> str | None:
         return None
     first = wrong[0]
     where = "" if first.item is None else f" in item {first.item}"
-    text = f"{first.field}{where} is {_shown(first.received)}, planned is {_shown(first.sent)}{_size_text(first)}"
+    text = f"{first.field}{where} is {_shown(first.received)} instead of {_shown(first.sent)}{_size_text(first)}"
     return text if len(wrong) == 1 else f"{text}, the largest of {len(wrong)} differences"
 
 
@@ -122,12 +122,12 @@ def _size_text(difference: Difference) -> str:
 
 def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Autopilot) -> list[Difference]:
     if a.command != b.command:
-        return [Difference(number, "command", int(a.command), int(b.command), False, "it is another command")]
+        return [Difference(number, "command", int(a.command), int(b.command), False, "it is a different command")]
     found: list[Difference] = []
     if a.frame != b.frame:
         no_position = not command_read_back(a).has_position and not command_read_back(b).has_position
         if not no_position:
-            why = "the height would be measured from something else"
+            why = "the height would refer to a different datum"
         elif b.frame is autopilot.command_frame_returned:
             why = f"{autopilot.name} returns commands without a position in this frame"
         else:
@@ -174,11 +174,13 @@ def _verdict(
         return True, "MAVLink carries this number in 32 bits"
     if size_m is not None:
         return (
-            (True, "it is the same height within 2 cm") if size_m <= SAME_PLACE_M else (False, "it is another height")
+            (True, "it is the same height within 2 cm")
+            if size_m <= SAME_PLACE_M
+            else (False, "it is a different height")
         )
     if meaning.same(sent, received):
         return True, f"it means the same: {meaning.value}"
-    return False, "it is another value, and nothing the autopilot does by design explains it"
+    return False, "the value differs, and no known behaviour of the autopilot explains it"
 
 
 def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple[bool, str]:
@@ -187,7 +189,7 @@ def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple
         return True, rounded
     if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_PLACE_M):
         return True, "it is the same position within 2 cm or a step of 1e-7 degrees"
-    return False, "it is another position"
+    return False, "it is a different position"
 
 
 def _apart_m(a: MissionItem, b: MissionItem) -> float | None:

@@ -68,5 +68,5 @@ def parse_type(text: str) -> int:
     wanted = "vtol-fixedrotor" if text == "vtol" else text
     vehicles = {name: number for number, (name, kind) in _TYPES.items() if kind is not VehicleKind.NO_VEHICLE}
     if wanted not in vehicles:
-        raise MisuseError(f"vehicle type {text!r} is not known; take one of {', '.join(vehicles)}")
+        raise MisuseError(f"vehicle type {text!r} is not known; use one of {', '.join(vehicles)}")
     return vehicles[wanted]

@@ -175,8 +175,8 @@ class Client(Connection):
             except (TransferError, FormatError) as error:
                 kind = TransferSilentError if isinstance(error, TransferSilentError) else TransferError
                 raise kind(
-                    f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, "
-                    f"and the current list could not be read: {error}",
+                    f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, but the "
+                    f"current list could not be read: {error}",
                     vehicle_holds="unknown",
                 ) from None
             autopilot = self.known_autopilot
@@ -184,7 +184,8 @@ class Client(Connection):
             if len(left) <= int(home_stays):
                 return
         raise TransferError(
-            f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged and holds {len(left)} items",
+            f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged but still has "
+            f"{len(left)} items",
             vehicle_holds="unknown",
             held_items=left,
         )
@@ -230,7 +231,7 @@ class Client(Connection):
             return self._read_back(mission_type, items, autopilot, stop)
         except TransferCancelledError as error:
             raise TransferCancelledError(
-                f"the {list_name(mission_type)} was uploaded and not compared: {error}", vehicle_holds="unknown"
+                f"the {list_name(mission_type)} was uploaded but not compared: {error}", vehicle_holds="unknown"
             ) from None
 
     def ask_item_limit(self, *, timeout_s: float = CALLS.item_limit_s) -> int | None:
@@ -347,7 +348,7 @@ class Client(Connection):
         held, now_held = None, ""
         if clear.state is not ClearState.SILENT:
             held = self._held(mission_type)
-            now_held = "" if held is None else f"; the vehicle now holds {len(held)} items"
+            now_held = "" if held is None else f"; the vehicle now has {len(held)} items"
         doing = f"clearing the {list_name(mission_type)}"
         raise failure(doing, clear, now_held, vehicle_holds=holds, held_items=held, advice=self.signing_advice())
 
@@ -400,7 +401,7 @@ class Client(Connection):
         if self.impostor is not None and not in_flight:
             raise MisuseError(f"{two_in_one(self.vehicle, self.impostor)}; nothing was sent")
         if self.vehicle.armed and not in_flight:
-            raise MisuseError(f"vehicle {self.vehicle.system_id} is armed; {what} only when in_flight is said")
+            raise MisuseError(f"vehicle {self.vehicle.system_id} is armed; {what} requires in_flight=True")
 
 
 def answer_terrain_requests(client: Client, answers: TerrainAnswers) -> None:

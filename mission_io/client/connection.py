@@ -220,7 +220,7 @@ class Connection(Closing):
         """Talk to a vehicle from now on, in the newest MAVLink version it speaks."""
         if chosen.system_id == self.local.system_id:
             raise MisuseError(
-                f"the vehicle is system {chosen.system_id}, and so are we; take another system id for this side"
+                f"the vehicle and this program both use system id {chosen.system_id}; use another system id for this program"
             )
         self._vehicle, self._heard_at = chosen, self.clock.now()
         if isinstance(self.link, PeerLink):
@@ -241,7 +241,7 @@ class Connection(Closing):
         if component_id is not None:
             wanted += f"{' with' if system_id is None else ' and'} component id {component_id}"
         statistics = self.statistics
-        heard = f"; heard of {sorted(others)}" if others else ""
+        heard = f"; received heartbeats of {sorted(others)}" if others else ""
         advice = "is it on, and the URL right?"
         if statistics.refused and not others:
             heard = (
@@ -250,7 +250,7 @@ class Connection(Closing):
             )
             advice = "does it have the same signing key?"
         elif statistics.garbage_bytes and not statistics.frames_in:
-            heard = f"; {statistics.garbage_bytes} bytes came that are no MAVLink"
+            heard = f"; {statistics.garbage_bytes} bytes received are not MAVLink"
             advice = "is the baud rate right?"
         return f"{wanted} sent a heartbeat within {timeout_s:g} s{heard}; {advice}"
 
@@ -317,7 +317,7 @@ class Connection(Closing):
             WaitCancelledError: it does.
         """
         if self.give_up is not None and self.give_up():
-            raise WaitCancelledError("the call was cancelled; the vehicle may have received it all the same")
+            raise WaitCancelledError("the call was cancelled; the vehicle may still have received it")
 
     def _serve(self, now: float) -> float:
         """Send what the services have due; when they want to be asked again."""

@@ -87,7 +87,7 @@ class FileUploads:
         """
         client = self._client
         if not client.vehicle.autopilot.lists_as_files:
-            raise MisuseError(f"{client.vehicle.autopilot.name} has no lists as files; nothing was sent")
+            raise MisuseError(f"{client.vehicle.autopilot.name} does not provide its lists as files; nothing was sent")
 
         def carry(mission_type: MissionType, items: Sequence[MissionItem]) -> None:
             upload = FtpUpload(

@@ -60,7 +60,7 @@ class VehicleParameters:
         if machine.cancelled:
             raise WaitCancelledError(f"parameters: stopped after {here} of {total or 'an unknown number'}")
         if machine.silent:
-            what = f"{here} of {total} parameters; number {machine.missing[0]} never came" if total else "no parameter"
+            what = f"{here} of {total} parameters; number {machine.missing[0]} is missing" if total else "no parameter"
             raise VehicleSilentError(f"{self._who} sent {what}{self._client.signing_advice()}")
         found = sorted(machine.found.values(), key=lambda one: one.index or 0)
         return {one.name: one for one in found if one.name.startswith(prefix)}
@@ -121,8 +121,8 @@ def _is_bytewise(client: Client) -> bool:
         capabilities = 0
     if not capabilities & (PARAM_ENCODE_BYTEWISE | PARAM_ENCODE_C_CAST):
         raise MisuseError(
-            f"vehicle {client.vehicle.system_id} ({client.vehicle.described}) does not say how its parameters encode whole "
-            "numbers: give bytewise"
+            f"vehicle {client.vehicle.system_id} ({client.vehicle.described}) does not say how its parameters encode "
+            "whole numbers; specify bytewise"
         )
     return bool(capabilities & PARAM_ENCODE_BYTEWISE)
 

@@ -125,8 +125,8 @@ class Peers:
         if sender == self._local or station:
             self._same_ids.add(sender)
             _log.warning(
-                "another sender on this link speaks as system %d, component %d, and we as component %d of the same system; "
-                "vehicles may mix us up: give one of the two another system id",
+                "another sender on this link is system %d, component %d; this program is component %d of the same "
+                "system; vehicles may confuse the two: change the system id of one of them",
                 sender.system_id,
                 sender.component_id,
                 self._local.component_id,
@@ -231,6 +231,6 @@ class VehicleChoice:
 def two_in_one(first: VehicleInfo, second: VehicleInfo) -> str:
     """The problem when heartbeats with the same ids describe two vehicles."""
     return (
-        f"system {first.system_id}, component {first.component_id} says that it is {first.described}, and that it is "
-        f"{second.described}: two vehicles share these ids; give one of them another system id"
+        f"system {first.system_id}, component {first.component_id} reports that it is {first.described} and that it "
+        f"is {second.described}: two vehicles share these ids; change the system id of one of them"
     )

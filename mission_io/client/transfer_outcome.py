@@ -172,4 +172,4 @@ def description(
         if autopilot is not None and holds in ("mixed", "unknown"):
             text += f", of which the first {new_items_in_front(sent, held, autopilot, mission_type)} are new"
         text += ")"
-    return text + ("; upload again, or clear it" if holds in ("mixed", "unknown") else "")
+    return text + ("; upload it again, or clear it" if holds in ("mixed", "unknown") else "")

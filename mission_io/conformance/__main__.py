@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if parsed.list:
             return _listed(parsed)
         if parsed.url is None:
-            raise MisuseError(f"give the vehicle's URL: {LINK_FORMS}")
+            raise MisuseError(f"specify the vehicle's URL: {LINK_FORMS}")
         return _serve(parsed) if parsed.serve else _ask(parsed)
     except (LinkError, VehicleSilentError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -60,14 +60,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m mission_io.conformance",
-        description="Asks a vehicle the cases of the MAVLink mission protocol, or judges a ground station by them.",
+        description="Test a vehicle or a ground station against the MAVLink mission protocol.",
     )
     parser.add_argument("url", nargs="?", metavar="URL", help=LINK_FORMS)
     parser.add_argument(
-        "--serve", action="store_true", help="be a vehicle that misbehaves, and judge the ground station"
+        "--serve", action="store_true", help="act as a vehicle that misbehaves, and judge the ground station"
     )
     parser.add_argument(
-        "--case", action="append", metavar="NAME", help="only this case; repeatable; NAME* is all that begin so"
+        "--case",
+        action="append",
+        metavar="NAME",
+        help="only this case; repeatable; NAME* selects all cases that begin with NAME",
     )
     parser.add_argument("--list", action="store_true", help="list the cases (with --serve: those for ground stations)")
     parser.add_argument(
@@ -150,16 +153,16 @@ def _allowed(parsed: argparse.Namespace) -> None:
         return
     if not sys.stdin.isatty():
         raise MisuseError(f"{warning} Add --yes")
-    print(f"{warning} Go on? [y/N] ", end="", file=sys.stderr, flush=True)
+    print(f"{warning} Continue? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise MisuseError("nothing was sent")
 
 
 def _serve(parsed: argparse.Namespace) -> int:
     if not 0.5 <= parsed.quiet <= 60.0:
-        raise MisuseError(f"--quiet: {parsed.quiet:g} s is not from 0.5 to 60")
+        raise MisuseError(f"--quiet: {parsed.quiet:g} s is not between 0.5 and 60")
     if parsed.system is not None and not 1 <= parsed.system <= 254:
-        raise MisuseError(f"--system: {parsed.system} is not a vehicle's system id, 1 to 254")
+        raise MisuseError(f"--system: {parsed.system} is not a vehicle's system id; use 1 to 254")
     cases = _chosen(CLIENT_CASES, parsed.case)
     if not parsed.case:  # such a case needs a user who starts it
         cases = [case for case in cases if case.operation not in ON_REQUEST]

@@ -24,7 +24,7 @@ def _listed(p: Probe, t: MissionType) -> int:
     if isinstance(answer, m.MissionAck):
         raise RefusedError(f"the list was refused: {described(answer)}")
     if not isinstance(answer, m.MissionCount):
-        raise FailedError("no answer to the request of the list")
+        raise FailedError("the request of the list was not answered")
     return answer.count
 
 
@@ -109,7 +109,7 @@ def list_twice(p: Probe) -> str:
     p.hold(_MISSION, held)
     _listed(p, _MISSION)
     count = _listed(p, _MISSION)
-    check(count == PROBE.listed_items, f"COUNT {count} at the second time")
+    check(count == PROBE.listed_items, f"COUNT {count} the second time")
     _check_items(p, _MISSION, held, _rest_of(p, _MISSION, count))
     return "the same count again, and every item"
 
@@ -122,11 +122,11 @@ def item_twice(p: Probe) -> str:
     got = []
     for seq in range(count):
         first, second = _item(p, _MISSION, seq), _item(p, _MISSION, seq)
-        check(first == second, f"item {seq} was another one at the second time")
+        check(first == second, f"item {seq} differed the second time")
         got.append(second)
     p.send(p.ack(MissionResult.ACCEPTED))
     _check_items(p, _MISSION, held, got)
-    return "every item twice, and the same"
+    return "every item twice, unchanged"
 
 
 def beyond(p: Probe) -> str:
@@ -170,14 +170,14 @@ def _upload_taken(p: Probe) -> float:
             ack = p.finish_upload(new, _MISSION)
             check(ack.result == MissionResult.ACCEPTED, f"the upload after it ended with {described(ack)}")
             return waited_s
-    raise FailedError(f"no upload was taken for {PROBE.free_s:g} s")
+    raise FailedError(f"no upload was accepted for {PROBE.free_s:g} s")
 
 
 def abandoned(p: Probe) -> str:
     """A station that requested the list and disappeared does not block others for ever."""
     p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
     _listed(p, _MISSION)
-    return f"an upload was taken {_upload_taken(p):.1f} s later"
+    return f"an upload was accepted {_upload_taken(p):.1f} s later"
 
 
 def cancelled(p: Probe) -> str:
@@ -187,8 +187,8 @@ def cancelled(p: Probe) -> str:
     _item(p, _MISSION, 0)
     p.send(p.ack(MissionResult.OPERATION_CANCELLED))
     waited_s = _upload_taken(p)
-    check(waited_s < 2.0 + 4.0 * p.late_s, f"an upload was taken {waited_s:.1f} s after ACK OPERATION_CANCELLED")
-    return "an upload was taken at once"
+    check(waited_s < 2.0 + 4.0 * p.late_s, f"an upload was accepted {waited_s:.1f} s after ACK OPERATION_CANCELLED")
+    return "an upload was accepted at once"
 
 
 def slow(p: Probe) -> str:
@@ -278,7 +278,7 @@ DOWNLOAD_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
         ("SendOutgoingMissionCanBeCancelled", "DownloadMissionCanBeCancelled"),
     ),
     ProtocolCase(
-        "download-slow", "time-outs are no errors", Section.ERRORS, slow,
+        "download-slow", "time-outs are not errors", Section.ERRORS, slow,
         ("SendOutgoingMissionTimeoutNotTriggeredDuringTransfer", "DownloadMissionTimeoutNotTriggeredDuringTransfer"),
     ),
     ProtocolCase("download-second-station", "each station's operation is its own", Section.DOWNLOAD, second_station),

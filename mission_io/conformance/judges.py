@@ -35,10 +35,10 @@ def _addressed(e: StationEvidence) -> None:
         target = getattr(h.message, "target_system", e.vehicle.system_id)
         check(
             target in (0, e.vehicle.system_id),
-            f"{type(h.message).__name__} for system {target}, the vehicle is {e.vehicle.system_id}",
+            f"{type(h.message).__name__} for system {target}; the vehicle is {e.vehicle.system_id}",
         )
     for h in e.of(m.MissionItemInt, m.MissionItemFloat):
-        check(getattr(h.message, "mission_type", 0) == e.mission_type, "items of another list than the COUNT")
+        check(getattr(h.message, "mission_type", 0) == e.mission_type, "items of a different list from the COUNT")
 
 
 def _came_to_an_end(e: StationEvidence) -> None:
@@ -66,7 +66,7 @@ def completes(e: StationEvidence) -> str:
     wrong = _unlike_what_was_sent(e)
     good = [h for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
     check(not wrong, f"the vehicle never had every item: {wrong}")
-    check(e.reported_success is not False, "the vehicle took the list, and the ground station said that it failed")
+    check(e.reported_success is not False, "the vehicle accepted the list, but the ground station reported a failure")
     late = [h for h in e.of(*_ITEMS) if good and h.at_s > good[-1].at_s + STATION.crossing_s]
     check(not late, f"item {_seq(late[0].message) if late else 0} came after the ACK")
     return f"{len(e.held)} items in {e.lasted_s:.1f} s"
@@ -81,23 +81,23 @@ def _unlike_what_was_sent(e: StationEvidence) -> str:
 def _download_completes(e: StationEvidence) -> str:
     asked = {_seq(h.message) for h in e.of(*_REQUESTS)}
     missing = set(range(len(e.old))) - asked
-    check(not missing, f"items {sorted(missing)} were never asked for")
+    check(not missing, f"items {sorted(missing)} were never requested")
     check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED at the end")
-    check(e.reported_success is not False, "every item was there, and the ground station said that it failed")
+    check(e.reported_success is not False, "every item was sent, but the ground station reported a failure")
     return f"{len(e.old)} items in {e.lasted_s:.1f} s"
 
 
 def thanks(e: StationEvidence) -> str:
     """An empty list is acknowledged, too."""
     check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED")
-    check(not e.of(*_REQUESTS), "asked for an item of an empty list")
-    check(e.reported_success is not False, "the ground station said that it failed")
+    check(not e.of(*_REQUESTS), "requested an item of an empty list")
+    check(e.reported_success is not False, "the ground station reported a failure")
     return "ACK ACCEPTED"
 
 
 def gives_up(e: StationEvidence) -> str:
     """It comes to an end although there is no answer, and reports a failure to its user."""
-    check(e.reported_success is not True, "the ground station said that it succeeded")
+    check(e.reported_success is not True, "the ground station reported success")
     return f"{len(e.heard)} messages in {e.lasted_s:.1f} s, then it stopped"
 
 
@@ -105,16 +105,16 @@ def ends(e: StationEvidence) -> str:
     """It comes to an end, and a reported success is a real one."""
     if e.reported_success and e.operation is Operation.UPLOAD:
         wrong = _unlike_what_was_sent(e)
-        check(not wrong, f"the ground station said that it succeeded; the vehicle's list is another one: {wrong}")
+        check(not wrong, f"the ground station reported success; the vehicle's list differs: {wrong}")
     return (
         f"ended after {e.lasted_s:.1f} s"
-        + {None: "", True: ", said success", False: ", said failure"}[e.reported_success]
+        + {None: "", True: ", reported success", False: ", reported failure"}[e.reported_success]
     )
 
 
 def not_a_success(e: StationEvidence) -> str:
     """It ends, and does not call it a success."""
-    check(e.reported_success is not True, "the ground station said that it succeeded")
+    check(e.reported_success is not True, "the ground station reported success")
     return ends(e)
 
 
@@ -164,7 +164,7 @@ def only_what_is_asked(e: StationEvidence) -> str:
 def in_order(e: StationEvidence) -> str:
     """Items are requested from 0 on."""
     order = list(dict.fromkeys(_seq(h.message) for h in e.of(*_REQUESTS)))
-    check(order == sorted(order), f"asked for {order}")
+    check(order == sorted(order), f"requested {order}")
     return ""
 
 
@@ -172,10 +172,10 @@ def stops_at(result: MissionResult) -> Judge:
     """An error ends the operation: no more items, and its user hears of it. A new operation may follow."""
 
     def judge(e: StationEvidence) -> str:
-        check(e.reported_success is not True, "the ground station said that it succeeded")
+        check(e.reported_success is not True, "the ground station reported success")
         errors = [h.at_s for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == result]
         if not errors:
-            raise LackingError("it did not come so far")
+            raise LackingError("it did not reach this step")
         counts = [h.at_s for h in e.of(m.MissionCount if e.operation is Operation.UPLOAD else m.MissionRequestList)]
         for h in e.of(*_steps(e)):
             error = max((at for at in errors if at + STATION.crossing_s < h.at_s), default=None)
@@ -185,7 +185,7 @@ def stops_at(result: MissionResult) -> Judge:
                 f"{type(h.message).__name__} {_seq(h.message)} {h.at_s - (error or 0.0):.1f} s after ACK {result_name(result)}",
             )
         anew = len([at for at in counts if at > errors[0]])
-        return f"stopped after {e.lasted_s:.1f} s" + (f", began anew {anew} times" if anew else "")
+        return f"stopped after {e.lasted_s:.1f} s" + (f", restarted {anew} times" if anew else "")
 
     return judge
 
@@ -222,21 +222,21 @@ def cancels(e: StationEvidence) -> str:
             raise LackingError("it was not cancelled")
         raise FailedError("it stopped without ACK OPERATION_CANCELLED")
     late = [h for h in e.of(*_steps(e)) if h.at_s > said[0].at_s + STATION.crossing_s]
-    check(not late, "it went on after its ACK OPERATION_CANCELLED")
-    check(e.reported_success is not True, "the ground station said that it succeeded")
+    check(not late, "it continued after its ACK OPERATION_CANCELLED")
+    check(e.reported_success is not True, "the ground station reported success")
     return "ACK OPERATION_CANCELLED, then nothing"
 
 
 def cleared(e: StationEvidence) -> str:
     """CLEAR_ALL, and the vehicle's list is empty."""
     check(e.of(m.MissionClearAll), "no CLEAR_ALL")
-    check(not e.held, f"the vehicle holds {len(e.held)} items")
-    check(e.reported_success is not False, "the list is empty, and the ground station said that it failed")
+    check(not e.held, f"the vehicle has {len(e.held)} items")
+    check(e.reported_success is not False, "the list is empty, but the ground station reported a failure")
     return f"{len(e.of(m.MissionClearAll))} CLEAR_ALL"
 
 
 def holds_nothing(e: StationEvidence) -> str:
     """An empty list was uploaded."""
-    check(not e.held, f"the vehicle holds {len(e.held)} items")
-    check(e.reported_success is not False, "the list is empty, and the ground station said that it failed")
+    check(not e.held, f"the vehicle has {len(e.held)} items")
+    check(e.reported_success is not False, "the list is empty, but the ground station reported a failure")
     return "COUNT 0"

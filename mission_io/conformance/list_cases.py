@@ -51,7 +51,7 @@ def cleared_alone(p: Probe) -> str:
     p.rest()
     for t in kept:
         p.check_held(t, sample(t, 4), f"the {LIST_NAMES[t]} after the mission was cleared")
-    return f"{', '.join(LIST_NAMES[t] for t in kept)} as they were"
+    return f"{', '.join(LIST_NAMES[t] for t in kept)} unchanged"
 
 
 def cleared_all(p: Probe) -> str:
@@ -94,7 +94,7 @@ def current_set(p: Probe) -> str:
             last = _current(p)
             if last is None:
                 raise LackingError("it sends no MISSION_CURRENT")
-            raise FailedError(f"MISSION_SET_CURRENT {seq}, and MISSION_CURRENT says {last.seq}")
+            raise FailedError(f"after MISSION_SET_CURRENT {seq}, MISSION_CURRENT says {last.seq}")
     return "MISSION_CURRENT followed"
 
 
@@ -173,7 +173,7 @@ def capabilities(p: Probe) -> str:
             break
     if not isinstance(version, m.AutopilotVersion):
         raise LackingError("no AUTOPILOT_VERSION")
-    check(version.capabilities & _CAN_INT, "it does not say that it takes MISSION_ITEM_INT")
+    check(version.capabilities & _CAN_INT, "it does not say that it accepts MISSION_ITEM_INT")
     for t, bit in _CAN.items():
         says, has = bool(version.capabilities & bit), p.reads_list(t)
         said = "it has" if says else "nothing of"

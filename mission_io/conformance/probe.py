@@ -187,7 +187,7 @@ class Probe:
             check(answer.result != MissionResult.ACCEPTED, f"COUNT {count} was answered ACK ACCEPTED")
             raise RefusedError(f"COUNT {count} was answered {result_name(answer.result)}")
         check(answer is not None, f"COUNT {count} was not answered")
-        check(seq_of(answer) == 0, f"asked for item {seq_of(answer)} first")
+        check(seq_of(answer) == 0, f"it requested item {seq_of(answer)} first")
 
     def finish_upload(
         self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = PROBE.answer_s
@@ -204,11 +204,11 @@ class Probe:
                 continue  # about an item that it asked for twice; another case judges that
             if isinstance(answer, m.MissionAck):
                 return answer
-            check(answer is not None, f"nothing came within {wait_s:g} s of an item")
+            check(answer is not None, f"no message arrived within {wait_s:g} s of an item")
             seq = seq_of(answer)
-            check(seq < len(items), f"asked for item {seq} of {len(items)}")
+            check(seq < len(items), f"it requested item {seq} of {len(items)}")
             self.send(self.item(items, seq, mission_type))
-        raise FailedError("asked over and over and never acknowledged")
+        raise FailedError("it requested items repeatedly and never acknowledged")
 
     # Whole lists, which the case does not judge.
 

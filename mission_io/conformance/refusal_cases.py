@@ -25,9 +25,9 @@ def stopped_by(result: MissionResult, t: MissionType, p: Probe) -> str:
     p.send(p.ack(result, t))
     p.quiet(0.5)
     late = [m for m in p.quiet(PROBE.stops_s) if isinstance(m, REQUESTS)]
-    check(not late, f"asked {len(late)} more times after ACK {result.name}")
+    check(not late, f"{len(late)} more requests after ACK {result.name}")
     p.check_held(t, old, f"the old list after ACK {result.name}")
-    return "stopped, old list as it was"
+    return "stopped, old list unchanged"
 
 
 def bad_item(p: Probe) -> str:
@@ -38,15 +38,15 @@ def bad_item(p: Probe) -> str:
     p.send(replace(p.item(sample(_MISSION, 5, first=PROBE.new_items), 3), frame=PROBE.unknown_frame))
     answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     if isinstance(answer, REQUESTS) and seq_of(answer) == 4:
-        raise LackingError(f"it takes an item in frame {PROBE.unknown_frame}")
+        raise LackingError(f"it accepts an item in frame {PROBE.unknown_frame}")
     check(
         isinstance(answer, MissionAck) and answer.result, f"an item in frame {PROBE.unknown_frame}: {described(answer)}"
     )
     said = described(answer)
     on = [m for m in p.quiet(PROBE.stops_s) if isinstance(m, REQUESTS)]
-    check(not on, f"{said}, and then it asked for item {seq_of(on[0]) if on else 0} again")
+    check(not on, f"{said}, and then it requested item {seq_of(on[0]) if on else 0} again")
     p.check_held(_MISSION, old, f"the old list after {said}")
-    return f"{said}, old list as it was"
+    return f"{said}, old list unchanged"
 
 
 def too_many(p: Probe) -> str:
@@ -61,7 +61,7 @@ def too_many(p: Probe) -> str:
         p.send(p.ack(MissionResult.OPERATION_CANCELLED))
     p.rest()
     p.check_held(_MISSION, old, f"the old list after COUNT 65535 ({described(answer)})")
-    return f"{described(answer)}, old list as it was"
+    return f"{described(answer)}, old list unchanged"
 
 
 def empty(t: MissionType, p: Probe) -> str:
@@ -115,7 +115,7 @@ def foreign_items(p: Probe) -> str:
         accepted(p, ack)
     p.quiet(1.0)
     p.check_held(_MISSION, new, "after another station sent items")
-    return "they were left out"
+    return "they were ignored"
 
 
 def other_list(p: Probe) -> str:
@@ -127,7 +127,7 @@ def other_list(p: Probe) -> str:
     p.quiet(0.3)
     accepted(p, p.finish_upload(new, _MISSION))
     p.check_held(_MISSION, new, "after an item for the rally points")
-    return "it was left out"
+    return "it was ignored"
 
 
 def other_target(p: Probe) -> str:
@@ -153,8 +153,8 @@ def strange_type(p: Probe) -> str:
     asked = [m for m in said if isinstance(m, REQUESTS)]
     check(
         not asked,
-        f"COUNT of mission_type {PROBE.strange_type}: "
-        f"asked for items of type {getattr(asked[0], 'mission_type', 0) if asked else 0}",
+        f"COUNT of mission_type {PROBE.strange_type}: requested items of type "
+        f"{getattr(asked[0], 'mission_type', 0) if asked else 0}",
     )
     p.check_held(_MISSION, old, f"the mission after COUNT of mission_type {PROBE.strange_type}")
     return f"answered with {described(said[0] if said else None)}"
@@ -174,7 +174,7 @@ def nonsense_when_idle(p: Probe) -> str:
     said = sorted({described(m) for m in p.quiet(2.0)})
     p.rest()
     p.check_held(_MISSION, old, f"the list after stray messages (answers: {', '.join(said) or 'none'})")
-    return f"list as it was; answers: {', '.join(said) or 'none'}"
+    return f"list unchanged; answers: {', '.join(said) or 'none'}"
 
 
 def independent(p: Probe) -> str:
@@ -211,7 +211,7 @@ REFUSAL_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
         )
         for result in _STOPPING
     ),
-    ProtocolCase("upload-bad-item", "an error cancels the operation and leaves the mission as it was", Section.UPLOAD, bad_item),
+    ProtocolCase("upload-bad-item", "an error cancels the operation and leaves the mission unchanged", Section.UPLOAD, bad_item),
     ProtocolCase("upload-too-many", "COUNT may be answered NO_SPACE; the mission stays", Section.UPLOAD, too_many),
     *for_each_list(
         "upload-empty", "COUNT 0 has the effect of a clear", Section.UPLOAD, empty,

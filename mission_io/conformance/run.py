@@ -40,7 +40,7 @@ def ask_vehicle(
     _refuse_armed(probe)
     kept = keep(probe.client)
     if kept.copy is not None:
-        tell(f"the vehicle's lists are kept, also in {kept.copy}, until they are being restored")
+        tell(f"the vehicle's lists are kept until they are restored; a copy is in {kept.copy}")
     results: list[CaseResult] = []
     try:
         for case in cases:
@@ -55,7 +55,7 @@ def ask_vehicle(
             tell(put_back(probe.client, kept))
         else:
             where = f"; its items are in {kept.copy}" if kept.copy is not None else ""
-            tell(f"the vehicle is armed, so its lists were not put back{where}")
+            tell(f"the vehicle is armed, so its lists were not restored{where}")
     return results
 
 
@@ -74,7 +74,9 @@ def passed(results: Sequence[CaseResult]) -> bool:
 
 def _refuse_armed(probe: Probe) -> None:
     if probe.vehicle.armed:
-        raise MisuseError(f"vehicle {probe.vehicle.system_id} is armed; disarm it, this overwrites its mission")
+        raise MisuseError(
+            f"vehicle {probe.vehicle.system_id} is armed; disarm it first, because this overwrites its mission"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +104,7 @@ def keep(client: Client) -> Kept:
             lists[mission_type] = client.download(mission_type)
         except FormatError as error:
             raise MisuseError(
-                f"the vehicle's {LIST_NAMES[mission_type]} cannot be kept: {error}; save and clear it by other means first"
+                f"the vehicle's {LIST_NAMES[mission_type]} cannot be saved: {error}; save and clear it by other means first"
             ) from None
         except TransferSilentError as error:
             if mission_type is MissionType.MISSION:
@@ -132,7 +134,7 @@ def put_back(client: Client, kept: Kept) -> str:
         except MissionIoError as error:
             where = f"; its items are in {kept.copy}" if kept.copy is not None else ""
             raise MisuseError(
-                f"the vehicle's {LIST_NAMES[mission_type]} could not be put back: {error}{where}"
+                f"the vehicle's {LIST_NAMES[mission_type]} could not be restored: {error}{where}"
             ) from None
         said.append(f"{LIST_NAMES[mission_type]} {len(items)}")
     if kept.copy is not None:

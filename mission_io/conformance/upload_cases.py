@@ -33,7 +33,7 @@ def begin_three(p: Probe, t: MissionType) -> None:
         p.send(p.item(new, seq, t))
         answer = p.answer(t)
         if isinstance(answer, MissionAck):
-            raise RefusedError(f"item {seq} was answered {described(answer)}")
+            raise RefusedError(f"item {seq} was answered with {described(answer)}")
         check(seq_of(answer) == seq + 1, f"item {seq} was followed by {described(answer)}")
 
 
@@ -50,15 +50,15 @@ def in_order(t: MissionType, p: Probe) -> str:
             check(isinstance(answer, MissionAck), f"the last item was answered with {described(answer)}")
         else:
             if isinstance(answer, MissionAck):
-                raise RefusedError(f"item {seq} was answered {described(answer)}")
+                raise RefusedError(f"item {seq} was answered with {described(answer)}")
             check(isinstance(answer, REQUESTS) and seq_of(answer) == seq + 1, f"after item {seq}: {described(answer)}")
             kinds.add(type(answer).__name__)
     if isinstance(answer, MissionAck):
         accepted(p, answer)
     again = [described(m) for m in p.quiet(2.0 * STATION.item_resend_s)]
-    check(not again, f"after the ACK it said {', '.join(again)}")
+    check(not again, f"after the ACK it sent {', '.join(again)}")
     p.check_held(t, new, "what it holds")
-    return f"asked for 0 to {len(new) - 1}, one ACK, read back equal"
+    return f"requested 0 to {len(new) - 1}, sent one ACK, read back equal"
 
 
 def shorter(p: Probe) -> str:
@@ -89,7 +89,7 @@ def first_item(p: Probe) -> str:
     held = p.held(_MISSION)
     check(len(held) == 3, f"{len(held)} items in place of 3")
     same = abs(held[0].lat_deg - new[0].lat_deg) < 1e-6 and abs(held[0].lon_deg - new[0].lon_deg) < 1e-6
-    check(same, f"item 0 came back at {held[0].lat_deg:.7f}, {held[0].lon_deg:.7f}: its own home")
+    check(same, f"item 0 came back at {held[0].lat_deg:.7f}, {held[0].lon_deg:.7f}: this is its own home")
     return "item 0 came back"
 
 
@@ -100,9 +100,9 @@ def int_requests(p: Probe) -> str:
     p.send(p.ack(MissionResult.OPERATION_CANCELLED))
     if isinstance(answer, MissionAck):
         raise RefusedError(described(answer))
-    check(not isinstance(answer, MissionRequest), "asked with the deprecated MISSION_REQUEST")
+    check(not isinstance(answer, MissionRequest), "requested with the deprecated MISSION_REQUEST")
     check(answer is not None, "COUNT was not answered")
-    return f"asked with {described(answer)}"
+    return f"requested with {described(answer)}"
 
 
 def asks_again(at: int, p: Probe) -> str:
@@ -119,7 +119,7 @@ def asks_again(at: int, p: Probe) -> str:
     took_s = p.now() - began
     check(isinstance(answer, REQUESTS) and seq_of(answer) == at, f"in {took_s:.1f} s of silence: {described(answer)}")
     accepted(p, p.finish_upload(new, t, first=at))
-    return f"asked again after {took_s:.2f} s"
+    return f"requested again after {took_s:.2f} s"
 
 
 def gives_up(t: MissionType, p: Probe) -> str:
@@ -134,9 +134,9 @@ def gives_up(t: MissionType, p: Probe) -> str:
             last_s, count = p.now() - began, count + 1
         elif answer is None and p.now() - began - last_s >= 2.0 * PROBE.answer_s - 0.1:
             break
-    check(last_s < PROBE.gives_up_s - 2.0 * PROBE.answer_s, f"still asked after {last_s:.0f} s of silence")
+    check(last_s < PROBE.gives_up_s - 2.0 * PROBE.answer_s, f"still requested items after {last_s:.0f} s of silence")
     p.check_held(t, old, f"the old list after {count} requests in {last_s:.1f} s")
-    return f"stopped after {count} requests in {last_s:.1f} s, old list as it was"
+    return f"stopped after {count} requests in {last_s:.1f} s, old list unchanged"
 
 
 def new_one_after_silence(p: Probe) -> str:
@@ -154,8 +154,8 @@ def new_one_after_silence(p: Probe) -> str:
             if ack.result == MissionResult.ACCEPTED:
                 waited_s = p.now() - began
                 p.check_held(_MISSION, new, "the new list")
-                return f"taken {waited_s:.1f} s later"
-    raise FailedError(f"no new upload was taken in {PROBE.gives_up_s:g} s")
+                return f"accepted {waited_s:.1f} s later"
+    raise FailedError(f"no new upload was accepted in {PROBE.gives_up_s:g} s")
 
 
 def twice(p: Probe) -> str:
@@ -171,7 +171,7 @@ def twice(p: Probe) -> str:
     if not (isinstance(ack, MissionAck) and ack.result == MissionResult.ACCEPTED):
         raise FailedError(f"each item sent twice: {described(ack)}")
     p.quiet(1.0)
-    p.check_held(_MISSION, new, "after every item came twice")
+    p.check_held(_MISSION, new, "after every item was sent twice")
     return "accepted, no item twice"
 
 
@@ -182,11 +182,11 @@ def out_of_order(p: Probe) -> str:
     p.send(p.item(new, 2))
     answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     check(isinstance(answer, REQUESTS), f"item 2 in place of 0 was answered with {described(answer)}")
-    check(seq_of(answer) == 0, f"item 2 in place of 0: asked for {seq_of(answer)}")
+    check(seq_of(answer) == 0, f"item 2 in place of 0: requested {seq_of(answer)}")
     ack = p.finish_upload(new, _MISSION)
     accepted(p, ack)
     p.check_held(_MISSION, new, "after an item out of order")
-    return "asked for 0 again"
+    return "requested 0 again"
 
 
 def beyond(p: Probe) -> str:
@@ -202,7 +202,7 @@ def beyond(p: Probe) -> str:
     check(isinstance(answer, REQUESTS) and seq_of(answer) == 0, f"item 5 of 3: {said}, then {described(answer)}")
     accepted(p, p.finish_upload(new[:3], _MISSION))
     p.check_held(_MISSION, new[:3], "after an item beyond the count")
-    return f"{said}, and the upload went on"
+    return f"{said}, and the upload continued"
 
 
 def count_twice(p: Probe) -> str:
@@ -213,7 +213,7 @@ def count_twice(p: Probe) -> str:
     p.begin_upload(len(new), _MISSION)
     accepted(p, p.finish_upload(new, _MISSION))
     p.quiet(1.0)
-    p.check_held(_MISSION, new, "after COUNT came twice")
+    p.check_held(_MISSION, new, "after COUNT was sent twice")
     return "accepted once, list right"
 
 
@@ -233,7 +233,7 @@ def count_late(p: Probe) -> str:
     check(isinstance(answer, REQUESTS), f"COUNT at item 2: {said}, then {described(answer)}")
     accepted(p, p.finish_upload(new, _MISSION, first=seq_of(answer)))
     p.check_held(_MISSION, new, "after a late COUNT")
-    return f"{said}, then went on with item {seq_of(answer)}"
+    return f"{said}, then continued with item {seq_of(answer)}"
 
 
 def last_again(p: Probe) -> str:
@@ -245,7 +245,7 @@ def last_again(p: Probe) -> str:
     said = described(p.answer(_MISSION, STATION.resend_s))
     p.rest()
     p.check_held(_MISSION, new, f"after the last item again ({said})")
-    return f"answered with {said}, list as it was"
+    return f"answered with {said}, list unchanged"
 
 
 def slow(p: Probe) -> str:
@@ -279,16 +279,16 @@ def float_items(p: Probe) -> str:
     if isinstance(answer, MissionAck) and answer.result == MissionResult.ACCEPTED and seq == 2:
         held = p.held(_MISSION)
         near = all(abs(a.lat_deg - b.lat_deg) < 1e-5 for a, b in list(zip(new, held, strict=False))[1:])
-        check(len(held) == 3 and near, "accepted, and the list is another one")
+        check(len(held) == 3 and near, "accepted, but the list differs")
         return "accepted, within the precision of a float"
     if isinstance(answer, MissionAck):
-        raise RefusedError(f"item {seq} was answered {described(answer)}")
+        raise RefusedError(f"item {seq} was answered with {described(answer)}")
     raise LackingError(f"MISSION_ITEM was answered with {described(answer)}")
 
 
 UPLOAD_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
     *for_each_list(
-        "upload-in-order", "item 0 first, each once it has the one before, then one ACK", Section.UPLOAD, in_order,
+        "upload-in-order", "item 0 first, each after the one before has arrived, then one ACK", Section.UPLOAD, in_order,
         ("ReceiveIncomingMissionSendsMissionRequests", "UploadMissionSendsCount", "UploadMissionSendsMissionItems"),
     ),
     *for_each_list(
@@ -297,7 +297,7 @@ UPLOAD_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
         ("ReceiveIncomingMissionResendsMissionRequestsAndTimesOutEventually", "UploadMissionTimeoutAfterSendMissionItem"),
     ),
     ProtocolCase("upload-shorter", "the new mission becomes the mission, the original is discarded", Section.UPLOAD, shorter),
-    ProtocolCase("upload-100", "the cycle goes on until all items are there", Section.UPLOAD, hundred),
+    ProtocolCase("upload-100", "the cycle continues until all items have arrived", Section.UPLOAD, hundred),
     ProtocolCase("upload-first-item", "items are numbered from 0; none of them is home", Section.ITEMS, first_item),
     ProtocolCase(
         "upload-int-requests", "MISSION_REQUEST is deprecated and not to be sent", Section.DEPRECATED, int_requests,
@@ -314,11 +314,11 @@ UPLOAD_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
     ProtocolCase(
         "upload-after-silence", "back to idle when the other side falls silent", Section.TIMEOUTS, new_one_after_silence,
     ),
-    ProtocolCase("upload-items-twice", "out-of-sequence items are dropped, and no error", Section.ERRORS, twice),
-    ProtocolCase("upload-out-of-order", "the item is dropped, the expected one asked for again", Section.UPLOAD, out_of_order),
+    ProtocolCase("upload-items-twice", "out-of-sequence items are dropped without an error", Section.ERRORS, twice),
+    ProtocolCase("upload-out-of-order", "the item is dropped, the expected one requested again", Section.UPLOAD, out_of_order),
     ProtocolCase("upload-beyond-count", "the same for an item that was not announced", Section.UPLOAD, beyond),
     ProtocolCase(
-        "upload-count-twice", "a message without an answer is sent again, so it may come twice", Section.TIMEOUTS,
+        "upload-count-twice", "a message without an answer is sent again, so it may arrive twice", Section.TIMEOUTS,
         count_twice, ("UploadMissionResendsCount", "UploadMissionTimeoutAfterSendCount"),
     ),
     ProtocolCase("upload-count-late", "the same in the middle of the upload", Section.TIMEOUTS, count_late),
@@ -326,8 +326,8 @@ UPLOAD_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
         "upload-last-item-again", "an idle vehicle may answer with an error; the list stays", Section.CANCEL, last_again
     ),
     ProtocolCase(
-        "upload-slow", "time-outs are no errors", Section.ERRORS, slow,
+        "upload-slow", "time-outs are not errors", Section.ERRORS, slow,
         ("UploadMissionTimeoutNotTriggeredDuringTransfer",),
     ),
-    ProtocolCase("upload-float-items", "MISSION_ITEM is to be taken, too", Section.UPLOAD, float_items),
+    ProtocolCase("upload-float-items", "MISSION_ITEM must be accepted, too", Section.UPLOAD, float_items),
 )  # fmt: skip

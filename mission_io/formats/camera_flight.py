@@ -84,9 +84,9 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
     """
     home = mission.home
     if home is None:
-        raise FormatError("the mission has no home", where="home", advice="give the position it starts from")
+        raise FormatError("the mission has no home", where="home", advice="specify the position where it starts")
     if not is_place(home.lat_deg, home.lon_deg) or not math.isfinite(home.alt_amsl_m):
-        raise FormatError("home is not a position", where="home", advice="give the position it starts from")
+        raise FormatError("home is not a position", where="home", advice="specify the position where it starts")
     reader = _Reader(home, pitch_deg)
     for number, item in enumerate(mission.items, start=1):
         where = f"item {number}"
@@ -95,7 +95,7 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
             what = f"command {int(item.command)} has no counterpart in a list of points"
             raise FormatError(what if item.autocontinue else "it waits for the pilot to continue", where=where)
         if reader.landed:
-            raise FormatError("something comes after the landing", where=where, advice="omit it")
+            raise FormatError("an item follows the landing", where=where, advice="omit it")
         reader.read(action, where)
     return reader.flight()
 
@@ -123,7 +123,7 @@ class _Reader:
                 self._land(action, where)
             case ChangeSpeed():
                 if action.kind is not SpeedType.GROUND or not 0.0 < action.speed_m_s < math.inf:
-                    raise FormatError("a change of a speed other than that over ground", where=where)
+                    raise FormatError("only the ground speed can be changed", where=where)
                 self._speed_m_s = action.speed_m_s
             case PointMount() | PointGimbal():
                 self._point_camera(action, where)
@@ -142,12 +142,12 @@ class _Reader:
         if len(self._points) < 2:
             raise FormatError("the mission has fewer than two points", where="mission")
         if any(math.isnan(point.speed_m_s) for point in self._points):
-            raise FormatError("no speed is set before the first leg", where="mission", advice="begin with the speed")
+            raise FormatError("no speed is set before the first leg", where="mission", advice="set the speed first")
         return CameraFlight(self._home, tuple(self._points))
 
     def _takeoff(self, action: Takeoff, where: str) -> None:
         if self._points:
-            raise FormatError("a take-off in flight", where=where)
+            raise FormatError("this take-off is in flight", where=where)
         self._require_near(action.place, self._home.lat_deg, self._home.lon_deg, where, "the take-off is", "home")
         self._add(action.place, where)
 
@@ -155,7 +155,7 @@ class _Reader:
         if not self._points:
             raise FormatError("the mission does not begin with a take-off", where=where, advice="take off at home")
         if action.hold_s or action.acceptance_radius_m or action.pass_radius_m:
-            raise FormatError("a waypoint with a time to hold or a radius of its own", where=where)
+            raise FormatError("a waypoint with a hold time or a radius cannot be converted", where=where)
         if action.heading_deg is not None and not math.isfinite(action.heading_deg):
             raise FormatError("its heading is not a number", where=where)
         self._own_heading_deg = None if action.heading_deg is None else action.heading_deg % 360.0
@@ -192,22 +192,22 @@ class _Reader:
     def _point_camera(self, action: PointMount | PointGimbal, where: str) -> None:
         if isinstance(action, PointMount):
             if action.mode is not MountMode.ANGLES or action.roll_deg or action.yaw_deg:
-                raise FormatError("the camera is turned aside or rolled", where=where)
+                raise FormatError("the camera is yawed or rolled", where=where)
             self._pitch_deg = action.pitch_deg
         else:
             if action.pitch_rate_deg_s or action.yaw_rate_deg_s or action.gimbal:
-                raise FormatError("a turning gimbal, or a second one", where=where)
+                raise FormatError("a gimbal that moves at a rate, or a second gimbal, cannot be converted", where=where)
             if action.flags == _YAW_LOCK:
                 self._camera_heading_deg = None if action.yaw_deg is None else action.yaw_deg % 360.0
             elif action.flags or action.yaw_deg:
-                raise FormatError("the camera is turned aside", where=where)
+                raise FormatError("the camera is yawed", where=where)
             self._pitch_deg = self._pitch_deg if action.pitch_deg is None else action.pitch_deg
         if self._pitch_deg is not None and not math.isfinite(self._pitch_deg):
             raise FormatError("the camera's angle is not a number", where=where)
 
     def _trigger(self, action: TriggerEvery, where: str) -> None:
         if not 0.0 <= action.distance_m < math.inf or action.shutter_ms or (action.distance_m and not action.at_once):
-            raise FormatError("photos by distance that do not begin at once", where=where)
+            raise FormatError("the distance-based trigger does not start at once", where=where)
         self._distance_m = action.distance_m or None
 
     def _picture(self, action: TakePicture | StartPictures, where: str) -> None:
@@ -217,9 +217,9 @@ class _Reader:
             else action.count == 1 and not action.interval_s and not action.camera
         )
         if not plain:
-            raise FormatError("something other than one photo", where=where)
+            raise FormatError("only single photos can be converted", where=where)
         if not self._points:
-            raise FormatError("a photo before the take-off", where=where)
+            raise FormatError("this photo is before the take-off", where=where)
         last = self._points[-1]
         self._points[-1] = dataclasses.replace(last, pictures=last.pictures + 1)
 

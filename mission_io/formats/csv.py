@@ -53,17 +53,17 @@ def read_mission(text: str) -> CsvFile:
     first, header = next(rows, (1, []))
     for name in _COLUMNS:
         if header.count(name) != 1:
-            what = f"{header.count(name)} columns {name}, there must be 1"
+            what = f"{header.count(name)} columns are named {name}; there must be 1"
             raise FormatError(what, where=f"line {first}", advice=f"it was read as {dialect}")
     left_out = [name for name in header if name not in _COLUMNS]
     if left_out:
-        repairs.append(f"line {first}: left out {len(left_out)} columns, the first is {left_out[0][:30]!r}")
+        repairs.append(f"line {first}: ignored {len(left_out)} columns; the first is {left_out[0][:30]!r}")
     home: GeoPoint | None = None
     items: list[MissionItem] = []
     for line, cells in rows:
         where = f"line {line}"
         if len(cells) < len(header):
-            raise FormatError(f"{len(cells)} columns, the header has {len(header)}", where=where)
+            raise FormatError(f"{len(cells)} columns, but the header has {len(header)}", where=where)
         row = dict(zip(header, cells, strict=False))
         number, item = _whole(row, "item", where), _item(row, where)
         if number == 0 and home is None and not items:

@@ -68,13 +68,13 @@ class Dialect:
                     cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
                 yield line, cells
         except csv.Error as error:
-            raise FormatError(f"no CSV: {error}", where=f"line {reader.line_num + self.first_line - 1}") from None
+            raise FormatError(f"not CSV: {error}", where=f"line {reader.line_num + self.first_line - 1}") from None
 
     def _too_many(self, count: int, columns: int, line: int) -> FormatError:
         advice = "save the table again"
         if self.separator == ",":
             advice = "are its decimals commas too? save it with decimal points, or with semicolons between columns"
-        return FormatError(f"{count} cells, the header has {columns} ({self})", where=f"line {line}", advice=advice)
+        return FormatError(f"{count} cells, but the header has {columns} ({self})", where=f"line {line}", advice=advice)
 
 
 def sniff(text: str) -> Dialect:
@@ -101,7 +101,7 @@ def sniff(text: str) -> Dialect:
     if with_comma and with_point:
         raise FormatError(
             f"numbers with commas (line {with_comma}) and with points (line {with_point}), columns separated by "
-            f"{_NAMES[separator]}", where=f"line {max(with_comma, with_point)}", advice="save it with decimal points alone",
+            f"{_NAMES[separator]}", where=f"line {max(with_comma, with_point)}", advice="save it with decimal points only",
         )  # fmt: skip
     return Dialect(separator, "," if with_comma else ".", first + 1)
 
@@ -174,5 +174,5 @@ def words_of(line: str, count: int, *, usual: str = " ") -> Words:
         return Words(tuple(parts), "changed the separators")
     advice = ""
     if "," in content and len(parts) > count:
-        advice = "are its decimals commas? write them with points, or put spaces or semicolons between the numbers"
-    raise FormatError(f"{len(parts)} columns, {count} are expected", where="", advice=advice)
+        advice = "are its decimals commas? use decimal points, or put spaces or semicolons between the numbers"
+    raise FormatError(f"{len(parts)} columns; {count} are expected", where="", advice=advice)

@@ -97,7 +97,7 @@ def open_ring(points: list[LatLon], where: str, repairs: list[str]) -> tuple[Lat
     elif points:
         repairs.append(f"{where}: the ring was not closed")
     if len(set(points)) < 3:
-        raise FormatError(f"a ring of {len(set(points))} corners", where=where, advice="an area needs 3 or more")
+        raise FormatError(f"the ring has {len(set(points))} corners", where=where, advice="an area needs 3 or more")
     return tuple(points)
 
 
@@ -134,5 +134,7 @@ def alt_amsl_m(point: RoutePoint, mission: Mission) -> float:
     if item.frame is Frame.ABOVE_TERRAIN:
         raise FormatError("its height is above the terrain, which is not known here", where=where)
     if mission.home is None:
-        raise FormatError("its height is above home, and the mission has no home", where=where, advice="give the home")
+        raise FormatError(
+            "its height is above home, but the mission has no home", where=where, advice="specify the home"
+        )
     return mission.home.alt_amsl_m + item.alt_m

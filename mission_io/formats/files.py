@@ -94,10 +94,10 @@ def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> M
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in DRAWING_SUFFIXES:
-        raise MisuseError(f"{path}: a {suffix} file holds shapes and no items to fly; save the mission as .waypoints")
+        raise MisuseError(f"{path}: a {suffix} file contains shapes, not mission items; save the mission as .waypoints")
     only = ONLY_LIST.get(suffix)
     if only is not None and mission_type not in (None, only):
-        raise MisuseError(f"{path}: a {suffix} file holds a {only.name.lower()} and nothing else")
+        raise MisuseError(f"{path}: a {suffix} file contains only a {only.name.lower()}")
     try:
         decoded = text_from_bytes(path.read_bytes())
         reader, surprise = _reader_of(suffix, decoded.text)
@@ -108,7 +108,11 @@ def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> M
         where = f"{path}: {error.where}" if error.where else str(path)
         raise FormatError(error.what, where=where, advice=error.advice) from error
     if mission_type is not None and not read.has(mission_type):
-        raise FormatError(f"holds no {mission_type.name.lower()}", where=str(path), advice="ask for the list it holds")
+        raise FormatError(
+            f"the file contains no {mission_type.name.lower()}",
+            where=str(path),
+            advice="request the list that it contains",
+        )
     return MissionFile(read.mission, read.fence, read.rally, (*decoded.repairs, *surprise, *read.repairs))
 
 
@@ -121,7 +125,7 @@ def read_mission(path: str | Path) -> Mission:
     """
     file = read_file(path, mission_type=MissionType.MISSION)
     if file.mission is None:
-        raise FormatError("holds no mission", where=str(path))
+        raise FormatError("the file contains no mission", where=str(path))
     for line in (*file.repairs, *file.doubts()):
         _log.warning("%s: %s", path, line)
     return file.mission
@@ -156,9 +160,9 @@ def write_mission(
     suffix = path.suffix.lower()
     lists = plan.PlanFile(mission, fence or Fence(), rally or RallyPoints(), autopilot.mav_autopilot)
     if suffix != ".plan" and (fence is not None or rally is not None):
-        raise MisuseError(f"{path}: only a .plan file holds fence and rally points along with a mission")
+        raise MisuseError(f"{path}: only a .plan file can contain fence and rally points together with a mission")
     if suffix in {".fen", ".poly"}:
-        raise MisuseError(f"{path}: a {suffix} file cannot hold a mission; name it .waypoints or .plan")
+        raise MisuseError(f"{path}: a {suffix} file cannot contain a mission; name it .waypoints or .plan")
     file_format = _FORMATS_OF_SUFFIXES.get(suffix, "waypoints")
     text = mission_text(file_format, lists)
     losses: tuple[str, ...] = ()
@@ -249,14 +253,14 @@ def _reader_of(suffix: str, text: str) -> tuple[_Reader, tuple[str, ...]]:
     rest = text[begin.end() if begin else 0 :]
     if rest.startswith("{"):
         old = _PLAN.search(text) is None and _OLD_JSON.search(text) is not None
-        surprise = () if suffix != ".waypoints" else ("the file is JSON, and no .waypoints file",)
+        surprise = () if suffix != ".waypoints" else ("the file is JSON, not a .waypoints file",)
         return (_read_old_json if old else _read_plan), surprise
     line = rest.split("\n", 1)[0][:_LONGEST_FIRST_LINE]
     for pattern, reader, usual in _FIRST_LINES:
         if pattern.match(line):
             named_otherwise = suffix in (".plan", ".fen", ".waypoints") and suffix != usual
             return _READERS.get(suffix, reader) if suffix == usual else reader, (
-                (f"the file is {usual or 'a list of rally points'}, and no {suffix} file",) if named_otherwise else ()
+                (f"the file is {usual or 'a list of rally points'}, not a {suffix} file",) if named_otherwise else ()
             )
     return _READERS.get(suffix, _read_waypoints), ()
 
@@ -269,7 +273,7 @@ def _of_mavproxy(lists: plan.PlanFile, mission_type: MissionType) -> str:
         text, count = wpl.write_rally(lists.rally, None), len(lists.rally.points)
     if count == 0:
         raise FormatError(
-            f"there is no {mission_type.name.lower()} to write", where="plan", advice="write the mission alone"
+            f"there is no {mission_type.name.lower()} to write", where="plan", advice="write only the mission"
         )
     return text
 

@@ -82,7 +82,7 @@ def read_drawing(text: str) -> Drawing:
             todo += [(feature, name) for feature in reversed(node.get("features").nodes())]
         elif kind == "Feature":
             if node.get("geometry").value is None:
-                repairs.append(f"{node.where}: left out a feature without a geometry")
+                repairs.append(f"{node.where}: ignored a feature without a geometry")
             else:
                 todo.append((node.get("geometry"), _name_of(node)))
         elif kind == "GeometryCollection":
@@ -91,7 +91,7 @@ def read_drawing(text: str) -> Drawing:
             for polygon in _one_or_many(node, kind):
                 rings = [open_ring(_places(ring), ring.where, repairs) for ring in polygon.nodes()]
                 if not rings:
-                    repairs.append(f"{polygon.where}: left out an empty polygon")
+                    repairs.append(f"{polygon.where}: ignored an empty polygon")
                     continue
                 areas.append(DrawnArea(rings[0], tuple(rings[1:]), name))
         elif kind in ("LineString", "MultiLineString"):
@@ -139,7 +139,7 @@ def _plain_place(position: Any) -> LatLon | None:
 def _place(node: Node) -> LatLon:
     numbers = node.nodes()
     if len(numbers) < 2:
-        raise FormatError(f"a position of {len(numbers)} numbers", where=node.where, advice="give longitude, latitude")
+        raise FormatError(f"a position of {len(numbers)} numbers", where=node.where, advice="use longitude, latitude")
     lon_deg, lat_deg = numbers[0].number(), numbers[1].number()
     return place_of(lon_deg, lat_deg, node.where)
 
@@ -151,4 +151,4 @@ def _check_reference_system(node: Node) -> None:
     crs = node.get("crs")
     name = crs.get("properties").get("name").text()
     if name.upper().replace("::", ":").rpartition(":")[2] not in ("CRS84", "4326"):
-        raise FormatError(f"the reference system {name[:40]!r}", where=crs.where, advice="export it as WGS 84")
+        raise FormatError(f"the reference system is {name[:40]!r}", where=crs.where, advice="export it as WGS 84")

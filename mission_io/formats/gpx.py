@@ -54,13 +54,13 @@ def read_route(text: str) -> PointRoute:
     """
     root, repairs = xml_root(text)
     if local_name(root) != "gpx":
-        raise FormatError(f"the document is a {local_name(root)[:40]!r}", where="XML", advice="give a GPX file")
+        raise FormatError(f"the document is a {local_name(root)[:40]!r}", where="XML", advice="use a GPX file")
     routes = [element for element in root if local_name(element) == "rte"]
     tracks = [element for element in root if local_name(element) == "trk"]
     chosen = routes or tracks
     if len(chosen) != 1:
         what = "routes" if routes else "routes or tracks"
-        raise FormatError(f"{len(chosen)} {what}", where="gpx", advice="save one of them alone")
+        raise FormatError(f"{len(chosen)} {what}", where="gpx", advice="save only one of them")
     stops = []
     points = [element for element in chosen[0].iter() if local_name(element) in ("rtept", "trkpt")]
     for number, point in enumerate(points, start=1):
@@ -69,7 +69,7 @@ def read_route(text: str) -> PointRoute:
         height = child_text(point, "ele")
         if height is None:
             raise FormatError(
-                "has no height (ele)", where=where, advice="export the route with heights above sea level"
+                "the point has no height (ele)", where=where, advice="export the route with heights above sea level"
             )
         stops.append(RouteStop(lat, lon, number_in(height, f"{where}, ele"), Frame.AMSL))
     return route_from_stops(stops, repairs=repairs)

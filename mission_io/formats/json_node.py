@@ -25,7 +25,7 @@ class Node:
         if not isinstance(self.value, Mapping):
             raise FormatError("an object is expected here", where=self.where)
         if key not in self.value:
-            raise FormatError("is missing", where=f"{self.where}.{key}")
+            raise FormatError("the key is missing", where=f"{self.where}.{key}")
         return Node(self.value[key], f"{self.where}.{key}")
 
     def optional(self, key: str, read_node: "Callable[[Node], ResultT]", default: ResultT) -> ResultT:
@@ -61,14 +61,14 @@ class Node:
     def text(self) -> str:
         """A string."""
         if not isinstance(self.value, str):
-            raise FormatError("a text is expected here", where=self.where)
+            raise FormatError("a string is expected here", where=self.where)
         return self.value
 
     def floats(self, size: int) -> list[float]:
         """A list of a given number of numbers."""
         nodes = self.nodes()
         if len(nodes) != size:
-            raise FormatError(f"{len(nodes)} numbers, {size} are expected", where=self.where)
+            raise FormatError(f"{len(nodes)} numbers; {size} are expected", where=self.where)
         return [node.number() for node in nodes]
 
 

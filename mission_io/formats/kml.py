@@ -69,7 +69,7 @@ def read_drawing(text: str) -> Drawing:
     try:
         parser.Parse(clean.text.encode("utf-8"), True)
     except expat.ExpatError as error:
-        raise FormatError(f"no XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
+        raise FormatError(f"not XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
     except UnicodeEncodeError:
         raise FormatError("half a character (a lone surrogate)", where="text", advice="save it as UTF-8") from None
     return reader.drawing()
@@ -104,7 +104,7 @@ class _DrawingReader:
     def start(self, tag: str, _: dict[str, str]) -> None:
         name = tag.rpartition("}")[2]
         if not self._path and name != "kml":
-            raise FormatError(f"<{name[:30]}> is not the beginning of KML", where=self._where())
+            raise FormatError(f"<{name[:30]}> is not the root element of a KML file", where=self._where())
         self._path.append(name)
         if name == "Placemark":
             self._name = [""]
@@ -132,7 +132,7 @@ class _DrawingReader:
         elif name == "Folder":
             self._folders.pop()
         elif name in _GEOMETRIES and len(self._points) < _GEOMETRIES[name]:
-            self._repairs.append(f"{self._where()}: left out an empty {name}")
+            self._repairs.append(f"{self._where()}: ignored an empty {name}")
         elif name == "Point":
             self._spots.append((Spot(self._points[0]), self._name))
         elif name == "LineString":
@@ -173,7 +173,7 @@ class _DrawingReader:
         elif boundary == "outerBoundaryIs" and self._exterior is None:
             self._exterior = ring
         elif boundary == "outerBoundaryIs":
-            raise FormatError("a second outer boundary", where=self._where(), advice="make it a polygon of its own")
+            raise FormatError("a second outer boundary", where=self._where(), advice="save it as a separate polygon")
         else:
             self._add_area(DrawnArea(ring))
 
@@ -206,13 +206,13 @@ class _DrawingReader:
                 if entry.count(",") not in (1, 2):
                     here = f"{where}, coordinate {number}"
                     raise FormatError(
-                        f"{entry[:40]!r} is not a position", where=here, advice="remove the space at commas"
+                        f"{entry[:40]!r} is not a position", where=here, advice="remove the spaces around commas"
                     )
             self._repairs.append(f"{where}: removed commas between positions")
             return apart
         entries = text.split()
         if any(entry.count(",") == _WITH_TIME - 1 for entry in entries):
-            self._repairs.append(f"{where}: left out a fourth number")
+            self._repairs.append(f"{where}: ignored a fourth number")
         return entries
 
     def _where(self) -> str:
@@ -233,18 +233,18 @@ def read_route(text: str) -> PointRoute:
     """
     root, repairs = xml_root(text)
     if local_name(root) != "kml":
-        raise FormatError(f"the document is a {local_name(root)[:40]!r}", where="XML", advice="give a KML file")
+        raise FormatError(f"the document is a {local_name(root)[:40]!r}", where="XML", advice="use a KML file")
     if "dji.com/wpmz" in text[:2000]:
         raise FormatError(
-            "is DJI's template.kml, the settings from which a flight is made, and not a flight", where="kml",
-            advice="give the .kmz with its waylines.wpml, or the area in it to new",
+            "the file is DJI's template.kml, which contains the settings of a flight and not its waypoints", where="kml",
+            advice="use the .kmz with its waylines.wpml, or use its area with new",
         )  # fmt: skip
     lines = [element for element in root.iter() if local_name(element) == "LineString"]
     high = [line for line in lines if (child_text(line, "altitudeMode") or "") in _FRAMES]
     if len(high) != 1:
         raise FormatError(
             f"{len(lines)} lines, {len(high)} of them with heights (altitudeMode absolute or relativeToGround)", where="kml",
-            advice="save the one that is flown alone, with heights",
+            advice="save only the line that is flown, with heights",
         )  # fmt: skip
     return route_from_stops(_stops(high[0]), repairs=repairs)
 
@@ -256,7 +256,7 @@ def _stops(line: ElementTree.Element) -> list[RouteStop]:
         numbers = entry.split(",")
         where = f"point {number}"
         if len(numbers) != 3:
-            raise FormatError(f"{entry[:40]!r} is not longitude,latitude,height", where=where, advice="give heights")
+            raise FormatError(f"{entry[:40]!r} is not longitude,latitude,height", where=where, advice="add heights")
         lon, lat, alt = (number_in(part, where) for part in numbers)
         stops.append(RouteStop(lat, lon, alt, frame))
     return stops

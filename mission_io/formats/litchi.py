@@ -46,7 +46,7 @@ def write_csv(flight: CameraFlight) -> str:
     points = flight.points
     if not 2 <= len(points) <= MOST_WAYPOINTS:
         raise FormatError(
-            f"{len(points)} points, Litchi takes 2 to {MOST_WAYPOINTS}", where="flight", advice="split it"
+            f"{len(points)} points; Litchi accepts 2 to {MOST_WAYPOINTS}", where="flight", advice="split it"
         )
     _check_distances(points)
     rows = [_row(number, points) for number in range(len(points))]
@@ -63,7 +63,7 @@ def _row(number: int, points: Sequence[CameraPoint]) -> str:
     _check("degrees of the camera's pitch", pitch_deg, _PITCHES_DEG, where)
     _check("m/s", point.speed_m_s, (0.1, _MOST_SPEED_M_S), where)
     if pictures > _ACTIONS:
-        raise FormatError(f"{pictures} photos, Litchi takes {_ACTIONS}", where=where)
+        raise FormatError(f"{pictures} photos at one point; the limit of Litchi is {_ACTIONS}", where=where)
     heading_deg = _course_deg(points, number) if point.heading_deg is None else point.heading_deg
     distance_m = -1.0 if point.picture_distance_m is None else point.picture_distance_m
     actions = [_TAKE_PHOTO] * pictures + [_NO_ACTION] * (_ACTIONS - pictures)
@@ -78,7 +78,7 @@ def _row(number: int, points: Sequence[CameraPoint]) -> str:
 
 def _check(what: str, value: float, limits: tuple[float, float], where: str) -> None:
     if not limits[0] <= value <= limits[1]:
-        raise FormatError(f"{value:g} {what}, Litchi takes {limits[0]:g} to {limits[1]:g}", where=where)
+        raise FormatError(f"{value:g} {what}; Litchi accepts {limits[0]:g} to {limits[1]:g}", where=where)
 
 
 def _check_distances(points: Sequence[CameraPoint]) -> None:
@@ -125,7 +125,9 @@ def read_route(text: str) -> PointRoute:
     (first, header), *rows = dialect.rows(clean.text)
     header = [name.lower() for name in header]
     if "altitude(m)" not in header and rows:
-        raise FormatError("heights are not in metres", where=f"line {first}", advice="export it with metric units")
+        raise FormatError(
+            "heights are not in metres", where=f"line {first}", advice="export the mission with metric units"
+        )
     repairs = [*clean.repairs, *dialect.repairs]
     stops, curves, looks_at_poi = [], 0, 0
     for line, cells in rows:
@@ -143,13 +145,13 @@ def read_route(text: str) -> PointRoute:
         stops.append(RouteStop(lat, lon, alt, _FRAMES[int(mode)], speed if speed > 0.0 else None, camera))
         looks_at_poi += fields.get("gimbalmode", "").strip() == "1"
     if curves:
-        repairs.append(f"{curves} corners are curved; they are taken as sharp")
+        repairs.append(f"{curves} corners are curved; they are read as sharp")
     if looks_at_poi:
         repairs.append(f"{looks_at_poi} points look at a point of interest; their camera's angle is not known here")
     route = route_from_stops(stops, repairs=repairs)
     turns = sum(item.command == Command.CONDITION_YAW for item in route.mission.items)
     messages = (
-        [f'{turns} headings differ from their legs; they are held, as Heading Mode "Custom (WD)" does'] if turns else []
+        [f'{turns} headings differ from their legs; they are kept, as with Heading Mode "Custom (WD)"'] if turns else []
     )
     return dataclasses.replace(route, repairs=(*route.repairs, *messages))
 

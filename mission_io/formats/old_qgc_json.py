@@ -46,14 +46,14 @@ def read(text: str) -> OldFile:
     """
     clean = clean_text(text)
     root = parse_json(clean.text, "file")
-    repairs = [*clean.repairs, "a file of QGroundControl from before .plan"]
+    repairs = [*clean.repairs, "a QGroundControl file older than .plan"]
     kind = root.optional("fileType", lambda node: node.value, None)
     if kind == "GeoFence":
         return OldFile(fence=read_fence_part(root, repairs), repairs=tuple(repairs))
     if kind == "RallyPoints":
         return OldFile(rally=read_rally_part(root), repairs=tuple(repairs))
     if kind not in (None, "Mission") or "items" not in root.value:
-        raise FormatError("JSON that is not a mission", where="file", advice="choose a .plan or .mission file")
+        raise FormatError("the JSON is not a mission", where="file", advice="choose a .plan or .mission file")
     version = root.optional("version", lambda node: node.value, 1)
     if version in _VERSIONS_1 and version is not True:
         return OldFile(_mission_of_version_1(root, repairs), repairs=tuple(repairs))
@@ -99,12 +99,12 @@ def _jump_to(item: MissionItem, numbers: Mapping[int, int]) -> MissionItem:
         return item
     target, p2, p3, p4 = item.params
     if target not in numbers:
-        what = f"a jump to {target:g}, which is the id of no item"
+        what = f"a jump to {target:g}, but no item has this id"
         raise FormatError(what, where="file.items", advice="change the jump")
     return dataclasses.replace(item, params=(float(numbers[int(target)]), p2, p3, p4))
 
 
 def _refuse_surveys(there_are_some: bool) -> None:
     if there_are_some:
-        what = "a survey, whose items are not in the file"
+        what = "the items of the survey are not in the file"
         raise FormatError(what, where="file", advice="upload it with QGroundControl and download the mission")

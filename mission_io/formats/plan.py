@@ -105,7 +105,7 @@ def write(plan: PlanFile) -> str:
             return point that are not above home, or items that differ from what a kept entry flies.
     """
     if not math.isfinite(plan.cruise_speed_m_s) or not math.isfinite(plan.hover_speed_m_s):
-        raise FormatError("a speed is not finite", where="mission.cruiseSpeed", advice="give finite speeds")
+        raise FormatError("a speed is not finite", where="mission.cruiseSpeed", advice="use finite speeds")
     mission = {
         "cruiseSpeed": round(plan.cruise_speed_m_s),
         "firmwareType": int(plan.mav_autopilot),
@@ -120,7 +120,7 @@ def write(plan: PlanFile) -> str:
         texts = {name: _part_text(plan, name, part, indent=8) for name, part in parts.items()}
         return _part_text(plan, "", texts, indent=4) + "\n"
     except ValueError:
-        raise FormatError("a number is not finite", where="plan", advice="give finite positions and speeds") from None
+        raise FormatError("a number is not finite", where="plan", advice="use finite positions and speeds") from None
     except TypeError:
         raise FormatError("a key or value that JSON does not have", where="extras", advice="omit it") from None
     except RecursionError:
@@ -133,7 +133,7 @@ def _home_json(plan: PlanFile) -> object:
         return [home.lat_deg, home.lon_deg, home.alt_amsl_m]
     kept = plan.extras.get("mission", {}).get(_HOME)
     if kept is None:
-        raise FormatError("the mission has no home", where=_HOME, advice="give where it starts")
+        raise FormatError("the mission has no home", where=_HOME, advice="specify the position where it starts")
     return kept
 
 
@@ -185,7 +185,7 @@ def _check_jumps(plan: PlanFile) -> None:
         target = item.params[0]
         if target in inside or not (1 <= target <= len(plan.mission.items) and target == int(target)):
             raise FormatError(
-                f"a jump to {target:g}, which is the number of no simple item",
+                f"a jump to {target:g}, but no simple item has this number",
                 where=f"mission item {number}, param 1",
                 advice="change the jump, or write a .waypoints file",
             )
@@ -251,7 +251,7 @@ def _is_there(root: Node, name: str, repairs: list[str]) -> bool:
     """Whether the plan has a fence or rally points."""
     if name in root.value:
         return True
-    repairs.append(f"plan.{name}: is missing, there is none")
+    repairs.append(f"plan.{name}: is missing; the plan is read without it")
     return False
 
 
@@ -262,7 +262,7 @@ def read_home(node: Node, repairs: list[str], extras: dict[str, Mapping[str, Any
         return GeoPoint(*node.floats(3))
     for entry in entries[:2]:
         entry.number()
-    repairs.append(f"{node.where}: has no height, so the mission has no home")
+    repairs.append(f"{node.where}: the position has no height, so the mission has no home")
     extras["mission"] = {**extras.get("mission", {}), _HOME: node.value}
     return None
 
@@ -272,9 +272,9 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
     version, known = _CONSTANTS[name]["version"], _MODELLED[name]
     found = node.optional("version", lambda entry: entry.value, None)
     if found is None:
-        repairs.append(f"{node.where}.version: is missing, read as {version}")
+        repairs.append(f"{node.where}.version: the key is missing; read as version {version}")
     elif name in _OLD_PARTS and found == 1 and found is not True:
-        repairs.append(f"{node.where}: is of the old version 1, and written as {version}")
+        repairs.append(f"{node.where}: this is the old version 1; it will be written as version {version}")
         known = known | _OLD_KEYS
     elif found != version:
         what = f"version {found!r:.20} is not known"

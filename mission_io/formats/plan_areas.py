@@ -47,7 +47,9 @@ def framed_json(point: FramedPoint, where: str) -> list[float]:
         FormatError: a height that is not above home.
     """
     if point.frame is not Frame.ABOVE_HOME:
-        raise FormatError(f"a height {point.frame.name}; this format has them above home only", where=where)
+        raise FormatError(
+            f"the height is {point.frame.name}; this format supports only heights above home", where=where
+        )
     return [point.lat_deg, point.lon_deg, point.alt_m]
 
 
@@ -60,7 +62,7 @@ def read_fence_part(node: Node, repairs: list[str]) -> Fence:
     for key, known in _FENCE_ENTRIES.items():
         for entry in _entries(node, key):
             others = sorted(set(entry.value) - known) if isinstance(entry.value, Mapping) else []
-            repairs += [f"{entry.where}: left out {other[:30]!r}" for other in others]
+            repairs += [f"{entry.where}: ignored {other[:30]!r}" for other in others]
     polygons = [
         FencePolygon(_corners(p.get("polygon")), p.get("inclusion").truth()) for p in _entries(node, "polygons")
     ]

@@ -93,7 +93,7 @@ def read_simple(node: Node) -> MissionItem:
         raise FormatError(error.what, where=frame_node.where, advice=error.advice) from None
     if lat != lat or lon != lon or alt != alt:
         if frame is not Frame.COMMAND and not has_no_place(command):
-            raise FormatError("latitude, longitude and height must be given", where=f"{node.where}.params")
+            raise FormatError("latitude, longitude and height are required", where=f"{node.where}.params")
         lat, lon, alt = (0.0 if math.isnan(value) else value for value in (lat, lon, alt))
     autocontinue = node.optional("autoContinue", Node.truth, default=True)
     return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, autocontinue)
@@ -108,11 +108,13 @@ def contradictions(node: Node, item: MissionItem) -> list[str]:
         return found
     frame = _MODE_FRAMES.get(mode)
     if frame is not None and item.frame is not frame:
-        found.append(f"{where}: AltitudeMode {mode} is {frame.name}, its frame {item.frame.name}; the frame is flown")
+        found.append(
+            f"{where}: AltitudeMode {mode} is {frame.name}, but its frame is {item.frame.name}; the frame is used"
+        )
     stated = amsl if mode == _ABOVE_TERRAIN_AS_AMSL else height
     if isinstance(stated, int | float) and not isinstance(stated, bool) and abs(stated - item.alt_m) > _SAME_HEIGHT_M:
         key = "AMSLAltAboveTerrain" if mode == _ABOVE_TERRAIN_AS_AMSL else "Altitude"
-        found.append(f"{where}: {key} is {stated:g}, params[6] {item.alt_m:g}; {item.alt_m:g} m is flown")
+        found.append(f"{where}: {key} is {stated:g}, but params[6] is {item.alt_m:g}; {item.alt_m:g} m is used")
     return found
 
 
@@ -176,7 +178,7 @@ def _params(node: Node) -> list[float]:
     if len(nodes) == _PARAMS - 3 and "coordinate" in node.value:
         nodes += node.get("coordinate").nodes()
     if len(nodes) != _PARAMS:
-        raise FormatError(f"{len(nodes)} numbers, {_PARAMS} are expected", where=f"{node.where}.params")
+        raise FormatError(f"{len(nodes)} numbers; {_PARAMS} are expected", where=f"{node.where}.params")
     return [math.nan if value.value is None else value.number() for value in nodes]
 
 
@@ -207,6 +209,6 @@ def _is_relative(node: Node) -> bool:
         return node.get("altitudesAreRelative").truth()
     approach, land = node.get("loiterAltitudeRelative").truth(), node.get("landAltitudeRelative").truth()
     if approach != land:
-        what = "approach and landing have heights above different things"
-        raise FormatError(what, where=node.where, advice="make both above home, or both above sea level")
+        what = "approach and landing have heights above different datums"
+        raise FormatError(what, where=node.where, advice="set both above home, or both above sea level")
     return land

@@ -66,11 +66,15 @@ def route_from_stops(
         FormatError: no point, or one that is no place, or a height that is none.
     """
     if not stops:
-        raise FormatError("no point to fly to", where="route", advice="give a file with a route of at least one point")
+        raise FormatError(
+            "the route has no point", where="route", advice="use a file with a route of at least one point"
+        )
     for number, stop in enumerate(stops, start=1):
         check_place(stop.lat_deg, stop.lon_deg, f"point {number}")
         if not _LOWEST_M <= stop.alt_m <= _HIGHEST_M:
-            raise FormatError(f"a height of {stop.alt_m:g} m", where=f"point {number}", advice="give metres")
+            raise FormatError(
+                f"the height is {stop.alt_m:g} m", where=f"point {number}", advice="use a finite height in metres"
+            )
     first = stops[0]
     top_m, frame = first.alt_m, first.frame
     if takeoff_height_m is not None and frame is Frame.ABOVE_HOME:
@@ -120,9 +124,9 @@ def xml_root(text: str) -> tuple[ElementTree.Element, tuple[str, ...]]:
     except UnicodeEncodeError:
         raise FormatError("half a character (a lone surrogate)", where="text", advice="save it as UTF-8") from None
     except expat.ExpatError as error:
-        raise FormatError(f"no XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
+        raise FormatError(f"not XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise FormatError(f"no XML: {error}", where="XML") from None
+        raise FormatError(f"not XML: {error}", where="XML") from None
 
 
 def local_name(element: ElementTree.Element) -> str:

@@ -57,7 +57,7 @@ def read_fence(text: str) -> FenFile:
     """
     places, repairs = _places(text)
     if not places:
-        raise FormatError("holds no position", where="line 1", advice="the first line is the return point")
+        raise FormatError("the file contains no position", where="line 1", advice="the first line is the return point")
     ring = open_ring(places[1:], "the fence", repairs)
     return_point = FramedPoint(places[0].lat_deg, places[0].lon_deg, 0.0, Frame.ABOVE_HOME)
     return FenFile(Fence((FencePolygon(ring),), (), return_point), tuple(repairs))
@@ -70,7 +70,9 @@ def write_area(area: DrawnArea) -> str:
         FormatError: an area with holes, which the format cannot hold, or an invalid corner.
     """
     if area.holes:
-        raise FormatError(f"the area has {len(area.holes)} holes, the format has none", where="area", advice="use KML")
+        raise FormatError(
+            f"the area has {len(area.holes)} holes, which the format does not support", where="area", advice="use KML"
+        )
     return _text([*area.exterior, *area.exterior[:1]])
 
 
@@ -83,11 +85,11 @@ def write_fence(fence: Fence) -> str:
     """
     whole = len(fence.polygons) == 1 and fence.polygons[0].inclusion and not fence.circles
     if not whole or fence.return_point is None:
-        what = "the format is met one inclusion polygon and a return point"
+        what = "the format requires one inclusion polygon and one return point"
         raise FormatError(what, where="fence", advice="write it as .waypoints")
     point, ring = fence.return_point, fence.polygons[0].vertices
     if point.alt_m != 0.0:
-        what = f"the return point is at {point.alt_m:g} m, the format has no heights"
+        what = f"the return point is at {point.alt_m:g} m, but the format has no heights"
         raise FormatError(what, where="return point", advice="set it to 0, or write the fence as .waypoints")
     return _text([LatLon(point.lat_deg, point.lon_deg), *ring, *ring[:1]])
 
@@ -116,7 +118,7 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
         try:
             found = words_of(content, 2)
         except FormatError as error:
-            what = error.what.replace("columns, 2 are expected", "numbers, a position has 2")
+            what = error.what.replace("columns; 2 are expected", "numbers; a position has 2")
             raise FormatError(what, where=where, advice=error.advice or "latitude, then longitude") from None
         if found.changed:
             spaces = " to spaces" if found.changed.endswith("separators") else ""
@@ -127,7 +129,7 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
     return places, repairs
 
 
-_RALLY_ADVICE = "a rally point is RALLY and 6 numbers"
+_RALLY_ADVICE = "a rally point consists of RALLY and 6 numbers"
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,7 +84,7 @@ def plain_decimal(value: float, where: str) -> str:
     if "e" in text:
         text = format(Decimal(text), "f")
     elif text[-1] in "nf":
-        raise FormatError(f"{value} cannot be written", where=where, advice="give a finite number")
+        raise FormatError(f"{value} cannot be written", where=where, advice="use a finite number")
     return text[:-2] if text.endswith(".0") else text
 
 
@@ -95,7 +95,7 @@ def degrees_text(value_deg: float, where: str) -> str:
         FormatError: NaN or infinity.
     """
     if not math.isfinite(value_deg):
-        raise FormatError(f"{value_deg} is not a coordinate", where=where, advice="give degrees")
+        raise FormatError(f"{value_deg} is not a coordinate", where=where, advice="use degrees")
     text = f"{value_deg:.8f}"
     return "0.00000000" if text == "-0.00000000" else text
 
@@ -143,7 +143,9 @@ def xml_text(text: str, *, where: str = "name") -> str:
     """
     bad = _NOT_IN_XML.search(text)
     if bad is not None:
-        raise FormatError(f"the {where} holds {bad.group()!r}, which XML cannot", where=where, advice="omit it")
+        raise FormatError(
+            f"the {where} contains {bad.group()!r}, which XML does not allow", where=where, advice="omit it"
+        )
     return escape(text, {'"': "&quot;"})
 
 

@@ -52,7 +52,7 @@ _NAN_AS_NUMBER: Mapping[Meaning, str] = MappingProxyType(
         Meaning.OR_DEFAULT: f"{_LEFT_TO_THE_VEHICLE} 0",
         Meaning.IF_ABOVE_ZERO: f"{_LEFT_TO_THE_VEHICLE} 0",
         Meaning.IF_NOT_NEGATIVE: f"{_LEFT_TO_THE_VEHICLE} -1",
-        Meaning.NUMBER: "NaN in the rate of a gimbal that is given an angle is written as 0",
+        Meaning.NUMBER: "NaN in the rate of a gimbal with a set angle is written as 0",
     }
 )
 """What becomes of NaN. Of numbers, only a gimbal's rate gets so far."""
@@ -111,7 +111,7 @@ def write_mission(mission: Mission) -> str:
         FormatError: no home (the format needs it), or a number that the format cannot hold; with the row.
     """
     if mission.home is None:
-        raise FormatError("the mission has no home", where="row 0", advice="give the position it starts from")
+        raise FormatError("the mission has no home", where="row 0", advice="specify the position where it starts")
     return _write(mission.home, mission.items)
 
 
@@ -227,11 +227,11 @@ def read(text: str) -> WplFile:
         return WplFile(version, None, (), tuple(repairs))
     first, *rest = items
     if first.command in _NO_HOME:
-        repairs.append("the first row is not home: the file has none")
+        repairs.append("the first row is not home, so the mission has no home")
         return WplFile(version, None, tuple(items), tuple(repairs))
     if first.command not in _HOME_COMMANDS:
         repairs.append(
-            f"the first row is command {first.command} and not home: it is kept as item 1, and the file has no home"
+            f"the first row is command {first.command} and not home: it is kept as item 1, and the mission has no home"
         )
         return WplFile(version, None, tuple(jumps_moved(items, by=1)), tuple(repairs))
     return WplFile(version, GeoPoint(first.lat_deg, first.lon_deg, first.alt_m), tuple(rest), tuple(repairs))
@@ -242,9 +242,9 @@ def _version(content: str, line_number: int) -> int:
     version = int(match.group(1)) if match else 0
     if version not in (110, 120):
         raise FormatError(
-            f"{content[:40]!r} is not the header of a file that can be read",
+            f"{content[:40]!r} is not a supported header",
             where=f"line {line_number}",
-            advice=f"it must be {_HEADER!r} or 'QGC WPL 120'",
+            advice=f"use {_HEADER!r} or 'QGC WPL 120'",
         )
     return version
 
@@ -257,7 +257,7 @@ def _note_what_home_says(item: MissionItem, row: "_Row", repairs: list[str]) -> 
             "waypoint, put a row for home before it"
         )
     if any(item.params):
-        repairs.append(f"line {row.number}: the first row is home, its parameters are not kept")
+        repairs.append(f"line {row.number}: the first row is home; its parameters are not kept")
 
 
 _NAMES = (
@@ -327,7 +327,9 @@ class _Row:
         text = self._columns[column]
         if _NAN_PATTERN.fullmatch(text) is None or (column > 7 and not has_no_place(command)):
             return self._number(column)
-        repairs.append(f"line {self.number}: {_NAMES[column]} {text[:12]!r} is not a number, left to the vehicle")
+        repairs.append(
+            f"line {self.number}: {_NAMES[column]} {text[:12]!r} is not a number; the value is left to the vehicle"
+        )
         return math.nan if column <= 7 else 0.0
 
     def _number(self, column: int) -> float:

@@ -105,23 +105,23 @@ def write_kmz(
 
 def _check(flight: CameraFlight, aircraft: DjiAircraft, return_height_m: float) -> None:
     if len(flight.points) > MOST_POINTS:
-        raise FormatError(f"{len(flight.points)} points, WPML numbers {MOST_POINTS}", where="flight")
+        raise FormatError(f"{len(flight.points)} points; the limit of WPML is {MOST_POINTS}", where="flight")
     low_m, high_m = _SECURITY_HEIGHTS_M
     climb_m = flight.points[0].height_above_home_m
     if not low_m <= climb_m <= high_m:
-        what = f"the climb ends {climb_m:g} m above home, WPML takes {low_m:g} to {high_m:g}"
+        what = f"the climb ends {climb_m:g} m above home; WPML accepts {low_m:g} to {high_m:g}"
         raise FormatError(what, where="point 1", advice="change vehicle.takeoff_height_m, or move home")
     if not 0.0 < return_height_m <= high_m:
-        what = f"{return_height_m:g} m above home, WPML takes up to {high_m:g}"
+        what = f"{return_height_m:g} m above home; the limit of WPML is {high_m:g}"
         raise FormatError(what, where="return height", advice="move home")
     low_deg, high_deg = aircraft.pitch_range_deg
     for number, point in enumerate(flight.points, start=1):
         where = f"point {number}"
         if not 0.0 < point.speed_m_s <= aircraft.max_speed_m_s:
-            what = f"{point.speed_m_s:g} m/s, the {aircraft.title} flies {aircraft.max_speed_m_s:g} at most"
+            what = f"{point.speed_m_s:g} m/s; the {aircraft.title} flies at most {aircraft.max_speed_m_s:g}"
             raise FormatError(what, where=where, advice="plan with a lower vehicle.cruise_speed_m_s")
         if point.pitch_deg is not None and not low_deg <= point.pitch_deg <= high_deg:
-            what = f"the camera looks {point.pitch_deg:g} degrees, that of the {aircraft.title} {low_deg:g} to {high_deg:g}"
+            what = f"the camera pitch is {point.pitch_deg:g} degrees; the {aircraft.title} allows {low_deg:g} to {high_deg:g}"
             raise FormatError(what, where=where, advice="plan with another sensor.pitch_deg")
 
 

@@ -39,13 +39,13 @@ def read_route(text: str) -> PointRoute:
     config = next((each for each in root.iter() if local_name(each) == "missionConfig"), None)
     folders = [each for each in root.iter() if local_name(each) == "Folder"]
     if config is None or len(folders) != 1:
-        what = "no missionConfig" if config is None else f"{len(folders)} waylines"
+        what = "the file has no missionConfig" if config is None else f"{len(folders)} waylines"
         raise FormatError(what, where="waylines.wpml", advice="export one wayline")
     folder = folders[0]
     mode = child_text(folder, "executeHeightMode") or ""
     if mode not in _FRAMES:
         raise FormatError(
-            f"heights are of the mode {mode[:40] or 'nothing'!r}", where="executeHeightMode",
+            f"the height mode is {mode[:40] or 'nothing'!r}", where="executeHeightMode",
             advice="plan with heights above the take-off position (relativeToStartPoint)",
         )  # fmt: skip
     overall = child_text(folder, "autoFlightSpeed")
@@ -56,7 +56,7 @@ def read_route(text: str) -> PointRoute:
         for n, (mark, camera) in enumerate(zip(marks, cameras, strict=True), start=1)
     ]
     curved = sum(child_text(mark, "useStraightLine") == "0" for mark in marks)
-    messages = [*repairs, *([f"{curved} legs are curved; they are taken as straight"] if curved else [])]
+    messages = [*repairs, *([f"{curved} legs are curved; they are read as straight"] if curved else [])]
     security, back = child_text(config, "takeOffSecurityHeight"), child_text(config, "globalRTHHeight")
     return route_from_stops(
         stops, end=_end(child_text(config, "finishAction"), stops), repairs=messages,
@@ -70,7 +70,7 @@ def _stop(mark: ElementTree.Element, number: int, frame: Frame, overall: str | N
     point = next((each for each in mark if local_name(each) == "Point"), None)
     numbers = [] if point is None else (child_text(point, "coordinates") or "").split(",")
     if len(numbers) < 2:
-        raise FormatError("has no longitude,latitude", where=where)
+        raise FormatError("the point has no longitude,latitude", where=where)
     lon, lat = (number_in(part, where) for part in numbers[:2])
     speed = child_text(mark, "waypointSpeed") or overall
     return RouteStop(

@@ -86,8 +86,8 @@ def open_link(url: str, *, schemes: Mapping[str, EndpointFactory] = MappingProxy
 
 _ADVICE = {
     errno.ENOENT: "is it plugged in?",
-    errno.EACCES: "may this user use serial ports (often the group dialout)?",
-    errno.EPERM: "may this user use serial ports (often the group dialout)?",
+    errno.EACCES: "does this user have access to serial ports (often the group dialout)?",
+    errno.EPERM: "does this user have access to serial ports (often the group dialout)?",
     errno.EAGAIN: "another program has it open",
     errno.EBUSY: "another program has it open",
 }
@@ -121,7 +121,7 @@ class SerialChannel:
         except OSError as error:
             raise self._gone(error.strerror or str(error)) from None
         if not data:
-            raise self._gone("nothing is there any more")
+            raise self._gone("the device is gone")
         return data
 
     def write(self, data: bytes) -> int:
@@ -141,7 +141,7 @@ class SerialChannel:
         if not self._port.is_open:
             return LinkError(f"the link to {self._name} is closed")
         self._port.close()
-        return LinkError(f"{self._name} has gone: {why}; open the link again when it is back")
+        return LinkError(f"{self._name} is gone: {why}; open the link again when it is back")
 
 
 def open_serial(device: str, baud: int = DEFAULT_BAUD) -> ChannelLink:
@@ -166,6 +166,6 @@ def _pyserial() -> ModuleType:
     try:
         import serial
     except ImportError:
-        raise MisuseError("serial links need pyserial; pip install pyserial") from None
+        raise MisuseError("serial links need pyserial: pip install pyserial") from None
     module: ModuleType = serial
     return module

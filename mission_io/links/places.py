@@ -44,7 +44,7 @@ class Places:
             if now - self._kept_heard_s <= TAKE_OVER_S or self._kept not in _heartbeats_in(data):
                 self.strangers += 1
                 return False
-            _log.warning("system %d speaks from %s:%d now", self._kept[0], *place)
+            _log.warning("system %d now sends from %s:%d", self._kept[0], *place)
         self.latest, self._kept_heard_s = place, now
         self._heard_s.pop(place, None)
         self._heard_s[place] = now

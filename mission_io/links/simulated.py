@@ -74,7 +74,7 @@ class Conditions:
         """Refuse what is no fraction or no time."""
         for name in ("loss", "duplication", "corruption"):
             if not 0.0 <= getattr(self, name) <= 1.0:
-                raise MisuseError(f"{name} is {getattr(self, name)}, give a fraction from 0 to 1")
+                raise MisuseError(f"{name} is {getattr(self, name)}; it must be between 0 and 1")
         if not (self.delay_s >= 0.0 and self.jitter_s >= 0.0):
             raise MisuseError(f"delay {self.delay_s} s and jitter {self.jitter_s} s must not be negative")
         if not (self.bytes_per_s > 0.0 and self.queue_bytes > 0.0):
@@ -332,4 +332,4 @@ def link_preset(name: str) -> LinkPreset:
     try:
         return LINK_PRESETS[name]
     except KeyError:
-        raise MisuseError(f"{name!r} is not a kind of link; there are {', '.join(LINK_PRESETS)}") from None
+        raise MisuseError(f"{name!r} is not a kind of link; use one of {', '.join(LINK_PRESETS)}") from None

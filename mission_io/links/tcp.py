@@ -63,7 +63,7 @@ class TcpChannel:
         if self._socket.fileno() < 0:
             return LinkError(f"the link to {self._name} is closed")
         self._socket.close()
-        return LinkError(f"{self._name} has gone: {why}; open the link again when it is back")
+        return LinkError(f"{self._name} is gone: {why}; open the link again when it is back")
 
 
 def connect_tcp(host: str, port: int, *, timeout_s: float = CONNECT_TIMEOUT_S) -> ChannelLink:
@@ -183,7 +183,7 @@ class TcpListeningLink(Closing):
             return  # it has gone again already
         channel = TcpChannel(sock, f"TCP {address[0]}:{address[1]}")
         if len(self._peers) >= MOST_PEERS:
-            _log.warning("%s is turned away: %d are connected", channel.name, MOST_PEERS)
+            _log.warning("%s is rejected: %d are connected", channel.name, MOST_PEERS)
             channel.close()
             return
         _log.info("%s has connected", channel.name)

@@ -74,7 +74,7 @@ def items_from_fence(fence: Fence) -> tuple[MissionItem, ...]:
     for number, polygon in enumerate(fence.polygons):
         size = len(polygon.vertices)
         if size < 3:
-            raise FormatError(f"{size} vertices, a polygon needs 3", where=f"fence polygon {number}")
+            raise FormatError(f"{size} vertices; a polygon needs at least 3", where=f"fence polygon {number}")
         items.extend(
             MissionItem(_VERTEX[polygon.inclusion], Frame.AMSL, (float(size), 0.0, 0.0, 0.0), v.lat_deg, v.lon_deg)
             for v in polygon.vertices
@@ -119,7 +119,7 @@ def fence_from_items(items: Iterable[MissionItem]) -> Fence:
             circles.append(FenceCircle(center, item.params[0], _CIRCLE_COMMANDS[item.command]))
         elif item.command == Command.NAV_FENCE_RETURN_POINT:
             if return_point is not None:
-                raise FormatError("a second return point", where=where, advice="keep one")
+                raise FormatError("this is a second return point", where=where, advice="keep only one")
             return_point = _point_from_item(item)
         else:
             raise FormatError(f"command {item.command} is not a fence item", where=where, advice="use 5000 to 5004")
@@ -150,7 +150,7 @@ def rally_from_items(items: Iterable[MissionItem]) -> RallyPoints:
 def _ring_size(item: MissionItem, where: str) -> int:
     size = item.params[0]
     if not (3 <= size <= 65535 and size == int(size)):
-        raise FormatError(f"a polygon of {size:g} vertices", where=where, advice="a polygon needs 3 or more")
+        raise FormatError(f"the polygon has {size:g} vertices", where=where, advice="a polygon needs 3 or more")
     return int(size)
 
 

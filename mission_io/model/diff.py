@@ -80,7 +80,7 @@ def apply_diff(change: MissionDiff, mission: Mission) -> Mission:
     else:
         if _home_bits(mission.home) != _home_bits(change.home[0]):
             raise MisuseError(
-                "the change does not fit: its home is not the mission's; create it again from this mission"
+                "the change was made for a mission with a different home; create it again from this mission"
             )
         home = change.home[1]
     return Mission(home, apply_edits(change.edits, mission.items))
@@ -119,7 +119,9 @@ def apply_edits(edits: Sequence[Edit], items: Sequence[MissionItem]) -> tuple[Mi
         end = edit.at + len(edit.removed)
         there = items[edit.at : end]
         if edit.at < position or [*map(_bits, there)] != [*map(_bits, edit.removed)]:
-            raise MisuseError(f"the change does not fit at item {edit.at}; create it again from this mission")
+            raise MisuseError(
+                f"the change does not match the mission at item {edit.at}; create it again from this mission"
+            )
         result += items[position : edit.at]
         result += edit.inserted
         position = end

@@ -84,7 +84,7 @@ def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) 
     home = mission.home
     doubts: list[str] = []
     if home is not None and home.lat_deg == 0.0 and home.lon_deg == 0.0:
-        doubts.append("home is at latitude 0, longitude 0, in the open sea: set home, if it was never set")
+        doubts.append("home is at latitude 0, longitude 0, in the open sea; set the home position")
         home = None
     far: list[tuple[int, float]] = []
     swapped = 0
@@ -103,7 +103,11 @@ def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) 
             swapped += _near_when_swapped(home, item.lat_deg, item.lon_deg, far_from_home_m)
     if far:
         number, distance_m = max(far, key=lambda entry: entry[1])
-        what = "latitude and longitude are swapped" if swapped == len(far) else "is it another place's route, or home?"
+        what = (
+            "latitude and longitude are swapped"
+            if swapped == len(far)
+            else "does the route or home belong to another place?"
+        )
         rank = f"the farthest of {len(far)} beyond {far_from_home_m / 1000.0:.0f} km"
         doubts.append(f"item {number}: {distance_m / 1000.0:.0f} km from home, {rank}; {what}")
     return tuple(doubts)

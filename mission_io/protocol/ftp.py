@@ -84,14 +84,14 @@ class FtpMessage:
             MisuseError: more data than there is room for, or a number that does not fit.
         """
         if len(self.data) > DATA_BYTES:
-            raise MisuseError(f"MAVLink FTP has room for {DATA_BYTES} bytes, not {len(self.data)}")
+            raise MisuseError(f"{len(self.data)} bytes of data; the limit of MAVLink FTP is {DATA_BYTES}")
         size = len(self.data) if self.size is None else self.size
         try:
             head = _HEAD.pack(
                 self.seq, self.session, self.operation, size, self.answers, int(self.burst_complete), self.offset
             )
         except struct.error as error:
-            raise MisuseError(f"{self} is no FTP request: {error}") from None
+            raise MisuseError(f"{self} is not an FTP request: {error}") from None
         return (head + self.data).ljust(PAYLOAD_BYTES, b"\0")
 
     @classmethod
@@ -104,7 +104,7 @@ class FtpMessage:
         seq, session, operation, size, answers, complete, offset = _HEAD.unpack(payload[: _HEAD.size])
         data = payload[_HEAD.size :]
         if size > DATA_BYTES:
-            raise FormatError(f"an FTP payload says {size} bytes of data; there is room for {DATA_BYTES}")
+            raise FormatError(f"an FTP payload announces {size} bytes of data; the limit is {DATA_BYTES}")
         return cls(seq, operation, session, offset, data[:size], size, answers, bool(complete))
 
     @classmethod
@@ -146,5 +146,5 @@ def path_bytes(path: str) -> bytes:
     """
     data = path.encode("utf-8")
     if not data or len(data) >= DATA_BYTES or b"\0" in data:
-        raise MisuseError(f"{path!r} is not a path for a vehicle: 1 to {DATA_BYTES - 1} bytes without a zero")
+        raise MisuseError(f"{path!r} is not a path for a vehicle; use 1 to {DATA_BYTES - 1} bytes without a zero byte")
     return data

@@ -28,7 +28,7 @@ class FtpDownloadState(Enum):
     CHECKING = "comparing the CRC"
     DONE = "done"
     REFUSED = "refused"
-    DIFFERS = "arrived with another CRC"
+    DIFFERS = "arrived with a different CRC"
     SILENT = "silent"
 
 
@@ -175,7 +175,7 @@ class FtpDownload:
 
     def _begin(self, session: int, size: int, now: float) -> None:
         if size > self.most_bytes:
-            self._refuse(f"the vehicle announces {size} bytes, more than the {self.most_bytes} that are taken")
+            self._refuse(f"the vehicle announces {size} bytes, more than the limit of {self.most_bytes}")
             return
         if size != self._size:
             self._forget()
@@ -264,7 +264,7 @@ class FtpDownload:
         if offset % DATA_BYTES or not data or piece in self._pieces:
             return
         if self._end is not None and offset + len(data) > self._end:
-            self._fail(f"there is data at byte {offset}, beyond the end that was at byte {self._end}")
+            self._fail(f"there is data at byte {offset}, beyond the end at byte {self._end}")
             if self._end % DATA_BYTES:
                 self.across_bytes -= len(self._pieces.pop(self._end // DATA_BYTES, b""))
             self._end = None
@@ -280,7 +280,7 @@ class FtpDownload:
     def _end_at(self, end: int) -> bool:
         """The file ends before the announced size; False when received data contradicts it."""
         if max(self._pieces, default=-1) >= math.ceil(end / DATA_BYTES):
-            self._fail(f"the file is said to end at byte {end}, but there was data beyond")
+            self._fail(f"the vehicle reports the end at byte {end}, but sent data beyond it")
             return False
         self._end = end if self._end is None else min(end, self._end)
         return True

@@ -25,7 +25,7 @@ class FtpUploadState(Enum):
     CHECKING = "comparing the CRC"
     DONE = "done"
     REFUSED = "refused"
-    DIFFERS = "arrived with another CRC"
+    DIFFERS = "arrived with a different CRC"
     SILENT = "silent"
 
 

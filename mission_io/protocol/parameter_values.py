@@ -91,10 +91,10 @@ def float_of_value(value: float, param_type: int, *, bytewise: bool, name: str) 
     whole = _whole(value, param_type, name)
     letter = _LETTERS[ParamType(param_type)]
     if struct.calcsize(letter) > _WORD_BYTES:
-        raise MisuseError(f"{name} has 64 bits; PARAM_SET has room for 32")
+        raise MisuseError(f"{name} has 64 bits; PARAM_SET supports 32")
     if not bytewise:
         if float32(float(whole)) != whole:
-            raise MisuseError(f"{name} = {whole} does not go through a 32-bit float; give a number below 2**24")
+            raise MisuseError(f"{name} = {whole} does not fit in a 32-bit float; use a number below 2**24")
         return float(whole)
     packed = struct.pack(f"<{letter}", whole)
     fill = b"\xff" if whole < 0 else b"\0"
@@ -122,9 +122,9 @@ def bytes_of_value(value: Value, param_type: int, *, name: str) -> bytes:
     letter = _LETTERS.get(_known(param_type))
     if letter is None or isinstance(value, bytes):
         if letter is not None or not isinstance(value, bytes):
-            raise MisuseError(f"{name}: parameters of type CUSTOM, and only those, are bytes")
+            raise MisuseError(f"{name}: bytes are only for parameters of type CUSTOM")
         if len(value) > _EXT_BYTES:
-            raise MisuseError(f"{name} has {len(value)} bytes; there is room for {_EXT_BYTES}")
+            raise MisuseError(f"{name} has {len(value)} bytes; the limit is {_EXT_BYTES}")
         return value.ljust(_EXT_BYTES, b"\0")
     if letter in "fd":
         number: float = float32(value) if letter == "f" else value
@@ -150,10 +150,10 @@ def _known(param_type: int) -> ParamType:
 def _whole(value: float, param_type: int, name: str) -> int:
     """A value as a whole number of its type."""
     if not math.isfinite(value) or value != int(value):
-        raise MisuseError(f"{name} = {value} is not a whole number, and {name} is {ParamType(param_type).name}")
+        raise MisuseError(f"{name} = {value} is not a whole number, but {name} is {ParamType(param_type).name}")
     bits = 8 * struct.calcsize(_LETTERS[ParamType(param_type)])
     signed = param_type % 2 == 0  # the signed types have even numbers
     low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
     if not low <= value <= high:
-        raise MisuseError(f"{name} = {value:g} does not fit {ParamType(param_type).name}: {low} to {high}")
+        raise MisuseError(f"{name} = {value:g} does not fit in {ParamType(param_type).name} ({low} to {high})")
     return int(value)

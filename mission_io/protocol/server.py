@@ -93,7 +93,7 @@ class MissionServer:
         """
         items = tuple(items)
         if len(items) > self.capacity:
-            raise MisuseError(f"{len(items)} items, this vehicle has room for {self.capacity}")
+            raise MisuseError(f"{len(items)} items; the limit of this vehicle is {self.capacity}")
         self._lists[mission_type] = items
         if uploaded:
             self._changed(mission_type, "uploaded")
@@ -406,7 +406,7 @@ class MissionServer:
 
     def _upload(self) -> Incoming:
         if self._incoming is None:
-            raise MissingRowError("an upload's action while none is going on")
+            raise MissingRowError("an upload's action while no upload is active")
         return self._incoming
 
 

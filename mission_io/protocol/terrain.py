@@ -61,7 +61,7 @@ class TerrainAnswers:
         self, heights_amsl_m: Heights, *, parts_per_s: float = 35.0, say: Callable[[str], None] | None = None
     ) -> None:
         if not 0.0 < parts_per_s < math.inf:
-            raise MisuseError(f"parts_per_s is {parts_per_s}, give a number above 0")
+            raise MisuseError(f"parts_per_s is {parts_per_s}; it must be above 0")
         self._heights, self._interval_s = heights_amsl_m, 1.0 / parts_per_s
         self._say = say
         self._due_s = -math.inf
@@ -85,8 +85,8 @@ class TerrainAnswers:
         if not (abs(request.lat_deg) <= 90.0 and abs(request.lon_deg) <= 180.0 and request.spacing_m > 0 and mask):
             self._count_and_tell(
                 "refused",
-                f"a request for terrain heights makes no sense and was not answered: latitude {request.lat_deg:g}, "
-                f"longitude {request.lon_deg:g}, spacing {request.spacing_m} m, mask {request.mask:#x}",
+                f"an invalid request for terrain heights was not answered: latitude {request.lat_deg:g}, longitude "
+                f"{request.lon_deg:g}, spacing {request.spacing_m} m, mask {request.mask:#x}",
             )
             return
         key = (request.lat_deg, request.lon_deg, request.spacing_m)

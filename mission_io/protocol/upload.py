@@ -65,7 +65,8 @@ class Upload(Exchange[UploadState, UploadEvent]):
             raise MisuseError(f"{len(items)} items; MAVLink counts them in 16 bits")
         if first is not None and (first < 0 or not items or first + len(items) > _LARGEST_PART):
             raise MisuseError(
-                f"a part of {len(items)} items from {first} on; it has one item or more, up to {_LARGEST_PART - 1}"
+                f"a part of {len(items)} items from {first} on; a part must have at least one item and end at "
+                f"{_LARGEST_PART - 1} or before"
             )
         self._is_part, self._first = first is not None, first or 0
         self._items = [

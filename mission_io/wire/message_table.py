@@ -104,7 +104,7 @@ def _text(name: str, wire: str, size: int) -> FieldRow:
     def encode(value: str) -> bytes:
         data = value.encode("ascii", errors="replace")
         if len(data) > size:
-            raise MisuseError(f"{name} has {len(data)} bytes, MAVLink has room for {size}: {value!r}")
+            raise MisuseError(f"{name} has {len(data)} bytes; the limit of MAVLink is {size}: {value!r}")
         return data
 
     def decode(value: bytes) -> str:

@@ -79,7 +79,7 @@ class TimestampFile:
             raise LinkError(f"cannot read the signing timestamp {self.path}: {error}") from None
         if not (text.isdigit() and int(text) < 2**48):
             raise LinkError(
-                f"{self.path} holds no signing timestamp; put it back from a copy, or delete it and make a new key"
+                f"{self.path} contains no signing timestamp; restore it from a copy, or delete it and create a new key"
             )
         return int(text)
 
@@ -104,7 +104,7 @@ class TimestampFile:
         try:
             import fcntl
         except ImportError:  # Windows
-            raise MisuseError("signing needs file locks, which this system has not") from None
+            raise MisuseError("signing needs file locks, which this system does not provide") from None
         try:
             handle = os.open(self._key_path, os.O_RDONLY)
         except OSError as error:
@@ -163,7 +163,7 @@ class SigningKey:
     def __post_init__(self) -> None:
         """Refuse a key of another length."""
         if len(self.secret) != _KEY_SIZE:
-            raise MisuseError(f"a signing key has {_KEY_SIZE} bytes, this one has {len(self.secret)}")
+            raise MisuseError(f"a signing key has {_KEY_SIZE} bytes, but this one has {len(self.secret)}")
 
     def __repr__(self) -> str:
         return f"SigningKey(path={str(self.path) if self.path is not None else None!r})"
@@ -254,7 +254,7 @@ class Signing:
 
     def __init__(self, key: SigningKey, *, clock: UnixClock, store: TimestampStore, link_id: int = 0) -> None:
         if not 0 <= link_id <= 255:
-            raise MisuseError(f"link_id is {link_id}, MAVLink has 0 to 255")
+            raise MisuseError(f"link_id is {link_id}; MAVLink allows 0 to 255")
         self._secret, self._clock, self._store = key.secret, clock, store
         self._link_id = link_id
         self._used = self._reserved = store.read()
@@ -268,7 +268,7 @@ class Signing:
         """
         self._used = max(self._used + 1, self._now())
         if self._used > _LATEST:
-            raise MisuseError("the signing timestamps of this key are used up; make a new key for both ends")
+            raise MisuseError("the signing timestamps of this key are used up; create a new key for both ends")
         if self._used > self._reserved:
             self._reserved = min(self._used + _RESERVED_TICKS, _LATEST)
             self._store.raise_to(self._reserved)
@@ -315,7 +315,8 @@ def _secret_in(content: bytes, path: Path) -> bytes:
         if len(content) == _KEY_SIZE:
             return content
         raise MisuseError(
-            f"{path}: neither {_KEY_SIZE} bytes, nor {2 * _KEY_SIZE} hexadecimal digits, nor one line with a passphrase"
+            f"{path}: the file has neither {_KEY_SIZE} bytes, nor {2 * _KEY_SIZE} hexadecimal digits, nor one line "
+            "with a passphrase"
         )
     line = text.rstrip("\r\n")
     if len(content) == _KEY_SIZE:
@@ -326,5 +327,7 @@ def _secret_in(content: bytes, path: Path) -> bytes:
     if len(line) == 2 * _KEY_SIZE and all(letter in "0123456789abcdefABCDEF" for letter in line):
         return bytes.fromhex(line)
     if not line:
-        raise MisuseError(f"{path}: is empty; write a passphrase or {2 * _KEY_SIZE} hexadecimal digits into it")
+        raise MisuseError(
+            f"{path}: the file is empty; write a passphrase or {2 * _KEY_SIZE} hexadecimal digits into it"
+        )
     return SigningKey.from_passphrase(line).secret

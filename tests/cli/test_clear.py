@@ -63,4 +63,4 @@ def test_ctrl_c_says_what_is_cleared(cli: Cli, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(Client, "clear", interrupted_at_the_fence)
     ended = cli("clear", "--to", "mock:", "--type", "all")
     assert ended.code == 130
-    assert "cleared: mission; not known to be cleared: fence, rally" in ended.err
+    assert "cleared: mission; possibly not cleared: fence, rally" in ended.err

@@ -81,8 +81,8 @@ def test_total_link_loss_at_speed_is_found(cli: Cli, planned: Path) -> None:
         ended = cli("fly", planned, "--to", url, "--deadman", 0.5, "--link-lost", 2)
     assert ended.code == 3
     assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "link_lost"
-    assert "nothing from vehicle 1 for 2" in ended.err.splitlines()[-1]
-    assert "to the end: link_lost: nothing from vehicle 1 for" in ended.out
+    assert "no message from vehicle 1 for 2" in ended.err.splitlines()[-1]
+    assert "to the end: link_lost: no message from vehicle 1 for" in ended.out
 
 
 def upload(cli: Cli, run: Path, port: int) -> str:
@@ -132,12 +132,12 @@ def test_vehicle_that_dies_in_flight(cli: Cli, planned: Path) -> None:
             out, err = process.communicate(timeout=WATCHDOG_S)
     assert seen
     assert process.returncode == 3
-    assert "warning: nothing from vehicle 1 for 3." in err
+    assert "warning: no message from vehicle 1 for 3." in err
     document = json.loads(out)
     assert document["exit_code"] == 3
     assert document["ending"] == "link_lost"
     assert [incident["kind"] for incident in document["incidents"]] == ["link_lost"]
-    assert document["error"].startswith("link lost: nothing from vehicle 1 for 5")
+    assert document["error"].startswith("link lost: no message from vehicle 1 for 5")
     assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "link_lost"
     assert len(read_track(planned / "track.csv")) > 10
     assert (planned / "flight.rrd").exists()

@@ -78,7 +78,7 @@ def test_an_answer_that_cannot_be_written_is_an_error(planned: Path, tmp_path: P
     with open("/dev/full", "w") as full:
         done = subprocess.run(export, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.splitlines() == ["error: standard output: cannot be written (No space left on device)"]
+    assert done.stderr.splitlines() == ["error: standard output cannot be written (No space left on device)"]
 
 
 def test_package_runs_as_a_module() -> None:

@@ -69,7 +69,7 @@ def test_takes_faults_errors_and_a_log_of_the_truth(tmp_path: Path) -> None:
         (("--listen", "udpin://127.0.0.1:0", "--speed", "0"), "speed"),
         (("--listen", "udpin://127.0.0.1:0", "--loss", "1"), "loss"),
         (("--listen", "udpin://127.0.0.1:0", "--autopilot", "dji"), "--autopilot"),
-        (("--listen", "udpin://127.0.0.1:0", "--behaviour", "rude"), "not quick or observed"),
+        (("--listen", "udpin://127.0.0.1:0", "--behaviour", "rude"), "neither quick nor observed"),
         (("--listen", "udpin://127.0.0.1:0", "--gps-noise", "-1"), "must not be negative"),
         (("--listen", "udpin://127.0.0.1:0", "--endurance", "0"), "endurance_s"),
         (("--listen", "udpin://127.0.0.1:0", "--truth", "/no/such/place.csv"), "cannot be written"),

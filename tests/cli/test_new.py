@@ -82,7 +82,7 @@ def test_what_was_derived_is_told(cli, tennessee, tmp_path):
         "Next: uavcover plan",
     ):
         assert words in ended.out, ended.out
-    assert "does not say what its heights refer to" in ended.err
+    assert "does not state its vertical datum" in ended.err
 
 
 def test_a_file_that_is_there_is_never_replaced_unasked(cli, tennessee, tmp_path):
@@ -166,7 +166,7 @@ def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
     assert ended.code == 2
     assert (
-        "--fill-lakes 130m interpolates the gap, --water-height 0m takes it for the sea; or remove it from the area"
+        "--fill-lakes 130m interpolates the gap, --water-height 0m treats it as the sea; or remove them from the area"
         in ended.error
     )
     assert cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m").code == 0
@@ -217,7 +217,7 @@ def test_tiles_bands_and_feet_reach_the_scenario(cli, tmp_path):
         places = np.random.default_rng(1).uniform(-250.0, 250.0, (500, 2))
         assert np.allclose(tiles.ground.heights_m(places), whole.ground.heights_m(places), atol=1e-3)
     ended = cli("new", area, *ways[0], "--camera", "m3e", "--gsd", "3cm", "--band", "dtm", "-o", tmp_path / "b.toml")
-    assert "has no band 'dtm'; terrain.band is one of: 1, 2 Elevation" in ended.error
+    assert "has no band 'dtm'; set terrain.band to one of: 1, 2 Elevation" in ended.error
 
 
 @pytest.mark.parametrize("what", bad_inputs.ALL)
@@ -247,7 +247,7 @@ def test_a_pattern_is_a_scenario_for_each_flight(cli, tennessee, tmp_path, patte
     planners = [load_scenario(path).planner for path in paths]
     assert all(planner.algorithm == "lines" and planner.line_heading_deg is not None for planner in planners)
     again = cli("new", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", out)
-    assert (again.code, "exists already" in again.err) == (2, True)
+    assert (again.code, "already exists" in again.err) == (2, True)
     planned = cli("plan", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", tmp_path / "run")
     assert planned.code == 2
     assert f"--pattern: {pattern} is {len(flights)} missions; write their scenarios with uavcover new" in planned.err
@@ -319,7 +319,7 @@ def test_plan_takes_an_area_and_leaves_a_scenario_of_its_own(cli, tennessee, tmp
     again = load_scenario(run / "scenario.toml")
     assert again.sensor.side_overlap == 0.5
     assert cli("plan", "jacksboro", "--gsd", "3cm", "-o", tmp_path / "b").error == (
-        "error: jacksboro: is a scenario; --gsd go with an area, such as area.kml"
+        "error: jacksboro: is a scenario; --gsd require an area, such as area.kml"
     )
     assert "an area needs --dem dem.tif" in cli("plan", tennessee / "area.kml", "-o", tmp_path / "c").error
 

@@ -53,10 +53,10 @@ def test_open_water_has_the_height_that_is_given(cli, tmp_path, west):
     ended = cli(*new)
     assert ended.code == 2
     assert "reaches beyond" in ended.err
-    assert "if it is open water, --water-height 0m gives its height above sea level" in ended.err
+    assert "if it is open water, set its height above sea level with --water-height 0m" in ended.err
     ended = cli(*new, "--water-height", "0m")
     assert ended.code == 0, ended.err
-    assert "count as open water 0 m above sea level" in ended.err
+    assert "counts as open water 0 m above sea level" in ended.err
     scenario = load_scenario(tmp_path / "s.toml")
     assert scenario.terrain.water_height_m == 0.0
     site = load_site(tmp_path / "s.toml")
@@ -110,12 +110,12 @@ def test_water_and_interpolation_are_one_or_the_other(cli, tmp_path):
         "--fill-lakes", "50m", "-o", tmp_path / "s.toml",
     )  # fmt: skip
     assert ended.code == 2
-    assert "give one of the two" in ended.err
+    assert "use either this option" in ended.err
     text = 'name="a"\n[area]\nfile="a.geojson"\ncell_size_m=5.0\n'
     text += '[terrain]\nkind="raster"\nfile="dem.tif"\nvertical_datum="EGM96"\n'
     text += "water_height_m=0.0\nfill_no_data_m=50.0\n"
     (tmp_path / "bad.toml").write_text(text)
-    with pytest.raises(ScenarioError, match="water_height_m: makes water of all gaps"):
+    with pytest.raises(ScenarioError, match="water_height_m: use either this key, which treats gaps as water"):
         load_scenario(tmp_path / "bad.toml")
 
 

@@ -175,7 +175,7 @@ def test_two_planners_in_one_folder(cli: Cli, tmp_path: Path) -> None:
         wait_for_line(first, "planning")
         second = cli("plan", tmp_path / "corner.toml", "-o", folder, "--force", "--evaluations", EVALUATIONS, "-q")
         assert second.code == 2
-        assert "another uavcover is working in this folder" in second.error
+        assert "another uavcover process uses this folder" in second.error
         first.send_signal(signal.SIGINT)
         first.communicate(timeout=WATCHDOG_S)
     assert plan_of(folder)["interrupted"] is True
@@ -188,7 +188,7 @@ def test_interrupt_writes_the_best_so_far(tmp_path: Path, number: signal.Signals
         process.send_signal(number)
         _, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130
-    assert f"the best route found so far has been written to {tmp_path / 'run'}" in err
+    assert f"the best route so far was written to {tmp_path / 'run'}" in err
     assert files(tmp_path / "run") == PLANNED
     assert plan_of(tmp_path / "run")["waypoints"]
 
@@ -293,7 +293,7 @@ def test_a_number_of_vehicles_that_cannot_be(cli: Cli, tmp_path: Path) -> None:
 def test_parts_are_a_number_or_auto(cli: Cli, tmp_path: Path, parts: str) -> None:
     result = cli("plan", "jacksboro", "-o", tmp_path / "run", f"--parts={parts}")
     assert result.code == 2
-    assert f"--parts: {parts!r} is neither a number of parts, 1 at least, nor auto" in result.err
+    assert f"--parts: {parts!r} is neither a number of parts (at least 1) nor auto" in result.err
     assert not (tmp_path / "run").exists()
 
 

@@ -41,7 +41,7 @@ def test_ctrl_c_when_the_search_is_over_uploads_nothing(
     scenario = corner_of_the_demo(tmp_path)
     ended = cli("plan-upload", scenario, "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS)
     assert ended.code == 130
-    assert "interrupted when the search was over: the whole plan has been written" in ended.err
+    assert "interrupted after the search: the complete plan was written" in ended.err
     assert "nothing was uploaded" in ended.err
     assert (run / "mission.waypoints").exists()
     assert not (run / "upload.json").exists()
@@ -67,7 +67,7 @@ def test_scenario_is_planned_first(cli: Cli, tmp_path: Path) -> None:
 def test_planning_options_do_nothing_for_a_run_folder(cli: Cli, planned: Path) -> None:
     ended = cli("plan-upload", planned, "--to", "mock:", "--seed", 3, "--select", "knee")
     assert ended.code == 2
-    assert "--select, --seed would do nothing" in ended.error
+    assert "--select, --seed would have no effect" in ended.error
 
 
 @pytest.mark.parametrize("name", ["plan-upload", "fly"])
@@ -160,11 +160,11 @@ def test_what_one_vehicle_does_as_soon_is_uploaded_to_one(cli: Cli, tmp_path: Pa
     assert ended.code == 0, ended.err
     fleet = json.loads((run / "plan.json").read_text())["fleet"]
     assert (fleet["vehicles"], len(fleet["by_vehicle"])) == (3, 1)
-    assert "warning: nothing is uploaded to mock:, mock:: not needed" in ended.err
+    assert "warning: no mission is uploaded to mock:, mock:: not needed" in ended.err
     (told,) = ended.document["vehicles"]
     assert (told["vehicle"], told["sortie"], Path(told["run"])) == (1, 1, run)
     assert (run / "upload.json").exists()
     assert f"Next: uavcover fly {run} --to mock:" in ended.err
     again = cli("plan-upload", run, "--to", "mock:", "--to", "mock:")
     assert again.code == 2
-    assert "more would not be done sooner; give --to once" in again.error
+    assert "more vehicles would not finish sooner; use --to once" in again.error

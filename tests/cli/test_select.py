@@ -82,6 +82,6 @@ def test_errors_change_nothing(cli: Cli, planned: Path, tmp_path: Path) -> None:
     routes.write_text("\n".join([lines[0], *lines[2:]]))
     broken = cli("select", planned, "knee")
     assert broken.code == 2
-    assert "pareto_routes.csv: line 2: is not the next waypoint" in broken.error
+    assert "pareto_routes.csv: line 2: this is not the next waypoint" in broken.error
     routes.unlink()
     assert "has no pareto_routes.csv" in cli("select", planned, "knee").error

@@ -75,7 +75,7 @@ def test_home_on_a_void_is_not_the_base_of_heights(cli: Cli, tmp_path: Path) -> 
     assert ended.document["verdict"] == "not proved"
     (finding,) = [one for one in ended.document["findings"] if one["weight"] != "look"]
     assert finding["kind"] == "suspect-ground"
-    assert finding["what"].startswith("home, from which heights count, is on a block")
+    assert finding["what"].startswith("home, the reference of the heights, is on a block")
 
 
 def test_a_void_far_from_the_mission_does_not_matter(cli: Cli, tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_new_asks_and_a_script_must_say_so(cli: Cli, tmp_path: Path, filled, mon
         monkeypatch.setattr("sys.stdin", Terminal(answer))
         ended = cli(*new)
         assert ended.code == code, ended.err
-        assert "is the ground really like that? [y/N]" in ended.err
+        assert "check that the ground has this shape [y/N]" in ended.err
     assert tomllib.loads((tmp_path / "s.toml").read_text())["terrain"]["trust_heights"] is True
 
 

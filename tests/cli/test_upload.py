@@ -28,7 +28,7 @@ def test_files_of_ours(cli: Cli, planned: Path, name: str) -> None:
     assert ended.code == 0
     assert ended.document["passed"] is True
     assert ended.document["terrain_checked"] is False
-    assert "terrain not checked" in ended.error, "is said even under -q"
+    assert "the terrain was not checked" in ended.error, "is said even under -q"
     types = [part["mission_type"] for part in ended.document["lists"]]
     assert types == (["mission", "fence", "rally"] if name.endswith(".plan") else [name.split(".")[0]])
 
@@ -52,7 +52,7 @@ def test_home_of_another_place_is_told(cli: Cli, planned: Path) -> None:
         ("other.waypoints", b"hello\n", "line 1"),
         ("binary.waypoints", b"\xff\xfe\x00", "damaged UTF-16 text"),
         ("zero.plan", b"\x7fELF\0", "a zero byte: this is not a text file"),
-        ("places.kml", b"<kml/>", "a .kml file holds positions and no items to fly"),
+        ("places.kml", b"<kml/>", "a .kml file contains positions but no mission items"),
         ("table.csv", b"a,b\n", "line 1"),
         ("short.fen", b"46.5 -7.25\n", "short.fen"),
         ("broken.plan", b"{", "broken.plan"),
@@ -106,7 +106,7 @@ def test_every_format_that_holds_items(cli: Cli, tmp_path: Path, name: str, text
 @pytest.mark.parametrize(("name", "kind"), [("route.csv", "rally"), ("field.fen", "mission")])
 def test_a_list_that_the_format_cannot_hold(tmp_path: Path, name: str, kind: str) -> None:
     (tmp_path / name).write_text("")
-    with pytest.raises(InputError, match=f"leave --type {kind} away"):
+    with pytest.raises(InputError, match=f"omit --type {kind}"):
         read_contents(tmp_path / name, kind)
 
 
@@ -175,7 +175,7 @@ def test_what_a_plan_lacks_is_told(tmp_path: Path) -> None:
     del document["rallyPoints"]
     file = tmp_path / "route.plan"
     file.write_text(json.dumps(document), encoding="utf-8")
-    assert read_contents(file, None)[1] == ("repaired: plan.rallyPoints: is missing, there is none",)
+    assert read_contents(file, None)[1] == ("repaired: plan.rallyPoints: is missing; the plan is read without it",)
 
 
 def test_ctrl_c_says_what_the_vehicle_holds(planned: Path) -> None:
@@ -193,7 +193,9 @@ def test_ctrl_c_says_what_the_vehicle_holds(planned: Path) -> None:
         _, err = upload[0].communicate(timeout=WATCHDOG_S)
     assert upload[0].returncode == 130
     assert "the client cancelled the transfer" in err
-    assert re.search(r"list is now mixed \(\d+ items, of which the first \d+ are new\); upload again, or clear it", err)
+    assert re.search(
+        r"list is now mixed \(\d+ items, of which the first \d+ are new\); upload it again, or clear it", err
+    )
     assert re.search(r"held now: 0: NAV_WAYPOINT \(16\) at 36\.\d+, -84\.\d+", err)
     assert err.rstrip().endswith("interrupted")
     assert "Traceback" not in err

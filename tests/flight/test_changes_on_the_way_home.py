@@ -82,8 +82,8 @@ def test_home_moved_lower_has_the_way_home_sent_again_with_its_planned_heights(a
     outcome, _ = stopped(scene, lambda scene: second_station(scene, home_at(up=-25.0)))
     [text] = incident_texts(outcome, Ending.HOME_MOVED)
     since = "at once" if autopilot is PX4 else "from the next item on"
-    assert f"moved 25.0 m lower in flight: {since} the rest of the return is flown 25.0 m lower than planned" in text
-    assert "its clearance above the ground goes from " in text
+    assert f"moved 25.0 m lower in flight: {since} the remaining return is flown 25.0 m lower than planned" in text
+    assert "its clearance above the ground changes from " in text
     assert "are required" not in text, "the band is that of the route"
     told = scene.told(EventKind.STOP)
     assert any("home was moved by -25.0 m: the return is uploaded with corrected heights" in one for one in told)
@@ -200,7 +200,7 @@ def test_a_fence_that_is_made_smaller_on_the_way_home_is_judged_by_it():
 
     outcome, text = stopped(scene, change, on_breach=OnBreach.TELL)
     assert outcome.ending is Ending.FENCE_CHANGED
-    assert "the rest of the return leads " in text
+    assert "the remaining return leads " in text
 
 
 def test_a_hold_on_the_way_home_ends_with_the_way_home():
@@ -213,7 +213,7 @@ def test_a_hold_on_the_way_home_ends_with_the_way_home():
 
     outcome, text = stopped(scene, change, on_breach=OnBreach.HOLD)
     told = scene.told(EventKind.STOP)
-    assert any("then the return is planned again: Ctrl-C leaves it holding" in one for one in told)
+    assert any("then the return is planned again: with Ctrl-C the vehicle continues to hold" in one for one in told)
     assert any("the return is planned again: another station changed the vehicle's fence" in one for one in told)
     assert not scene.vehicle.armed
     assert outcome.ending is Ending.RETURNED, text

@@ -67,7 +67,7 @@ def test_a_fall_under_power_is_a_crash_that_says_from_where_and_that_it_is_armed
 def test_an_item_set_back_by_another_station_is_said_so(autopilot):
     scene = scene_of(autopilot, "item-set-back@45s")
     outcome, _ = flown(scene, precautions=Precautions(on_breach=OnBreach.TELL))
-    assert "another station set the item" in incident(outcome, Ending.MISSION_CHANGED).text
+    assert "another station set the current item" in incident(outcome, Ending.MISSION_CHANGED).text
     assert not any(i.kind in (Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS) for i in outcome.incidents)
 
 
@@ -131,7 +131,7 @@ def test_a_landing_on_the_reserve_is_no_good_flight(autopilot):
         scene_of(autopilot, "speed-changed:1.5@25s", battery=BatteryData(endurance_s=300.0)), needs=needs
     )
     assert outcome.ending is Ending.RESERVE_USED, text
-    assert "are to stay" in text
+    assert "the flight uses its reserve: the" in text
 
 
 @AUTOPILOTS

@@ -39,14 +39,14 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
             ARDUPILOT,
             "gps-loss@30s",
             "GPS_LOST",
-            'mode: it says (critical): "GPS 1: lost fix"',
+            'mode: the vehicle reported (critical): "GPS 1: lost fix"',
             "on the ground, disarmed, in land mode",
         ),
         (
             PX4,
             "gps-loss:5@30s",
             "GPS_LOST",
-            'mode: it says (critical): "GNSS data fusion',
+            'mode: the vehicle reported (critical): "GNSS data fusion',
             "on the ground, disarmed, in land mode",
         ),
         (ARDUPILOT, "battery-failsafe@30s", "BATTERY_FAILSAFE", "changed to return mode", "disarmed, in return mode"),
@@ -76,7 +76,7 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
             ARDUPILOT,
             "link-outage:40@20s",
             "LINK_LOST",
-            "link lost: nothing from vehicle 1 for 30",
+            "link lost: no message from vehicle 1 for 30",
             "last heard 30 s ago: ",
         ),
         (
@@ -162,7 +162,7 @@ def test_a_jump_by_another_ground_station_passes_no_waypoints():
         if event.waypoint == 1:
             scene.vehicle.control.set_current(7)
 
-    with pytest.raises(FlightFailedError, match="skips waypoint 1: another station set the item") as caught:
+    with pytest.raises(FlightFailedError, match="skips waypoint 1: another station set the current item") as caught:
         scene.fly(on_event=jump)
     assert caught.value.outcome.ending is Ending.MISSION_CHANGED
     assert caught.value.outcome.waypoints_reached == 1
@@ -192,7 +192,7 @@ def test_a_stop_does_not_fight_the_pilot():
     assert outcome.ending is Ending.PILOT_TOOK_OVER
     assert 40.0 <= scene.samples[-1].time_s < 42.0, "the first stop does not end the record"
     assert any("recording continues until it is on the ground" in said for said in scene.told(EventKind.STOP))
-    assert "stopped following: the vehicle is left to the pilot or station that controls it" in text
+    assert "the flight is no longer followed: the pilot or station that controls the vehicle is in charge" in text
     assert scene.vehicle.armed
     assert outcome.vehicle_now.startswith("in the air, armed, in guided mode")
 
@@ -246,7 +246,7 @@ def test_an_empty_battery_on_the_way_home_is_no_return():
     outcome, text = ended(scene, stop=lambda: int((scene.monitor.time_s or 0.0) > 35.0), on_event=drain)
     assert outcome.ending is Ending.CRASHED
     assert "m above home, and sank at" in text
-    assert "on its return; it says: " in text
+    assert "on its return; the vehicle reports:" in text
 
 
 def test_a_stop_in_a_pause_brings_it_home():

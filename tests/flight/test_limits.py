@@ -195,7 +195,7 @@ def test_a_fence_in_force_that_is_too_low_keeps_it_on_the_ground(autopilot):
     low = {"FENCE_ENABLE": 1.0, "FENCE_ALT_MAX": 60.0} if autopilot is ARDUPILOT else {"GF_MAX_VER_DIST": 60.0}
     scene = scene_with(autopilot, **low)
     with pytest.raises(
-        FlightFailedError, match=r"the vehicle would interrupt it; not armed: set it, or add --apply"
+        FlightFailedError, match="the vehicle would interrupt it; the vehicle was not armed: set it, or add --apply"
     ) as caught:
         scene.fly(plan=the_plan())
     assert caught.value.outcome.ending is Ending.NOT_ARMED
@@ -258,7 +258,7 @@ def test_what_cannot_be_put_back_is_said_kept_and_put_back_by_the_next_flight(au
     scene.client.set_parameter = refuse_on_ground
     assert scene.fly(plan=the_plan(), precautions=keeper.precautions()).ending is Ending.LANDED
     assert keeper.kept[-1] == pytest.approx(LOW[autopilot.name])
-    [left] = [e.text for e in scene.events if e.text.startswith("left changed on the vehicle")]
+    [left] = [e.text for e in scene.events if e.text.startswith("some parameters on the vehicle remain changed")]
     assert all(f"{name} was {value:g}" in left for name, value in LOW[autopilot.name].items())
     assert values_of(scene, LOW[autopilot.name]) == pytest.approx(SET[autopilot.name])
 
@@ -277,7 +277,10 @@ def test_a_vehicle_left_in_the_air_keeps_what_its_flight_needs():
     assert outcome.ending is Ending.LEFT_HOLDING
     assert values_of(scene, LOW[ARDUPILOT.name]) == pytest.approx(SET[ARDUPILOT.name])
     assert keeper.kept[-1] == pytest.approx(LOW[ARDUPILOT.name])
-    assert any("left changed on the vehicle (it is in the air" in e.text and e.alarm for e in scene.events)
+    assert any(
+        "some parameters on the vehicle remain changed (the vehicle is in the air" in e.text and e.alarm
+        for e in scene.events
+    )
 
 
 def test_a_parameter_that_the_vehicle_counts_by_itself_is_not_taken_for_an_answer():

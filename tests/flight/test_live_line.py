@@ -119,5 +119,5 @@ def test_on_the_way_home_after_a_stop_no_planned_waypoint_is_flown_to(site: Site
     shown = line(site, {})
     shown.text(sample(site, 300.0, 1))
     text = shown.text(sample(site, 250.0, -1))
-    assert "off the plan" in text
+    assert "off the planned route" in text
     assert "left" not in text

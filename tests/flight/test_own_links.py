@@ -40,7 +40,9 @@ def test_links_of_all_vehicles_in_their_order(tmp_path: Path) -> None:
     assert links_of_scenario(source, [MOCK, MOCK], sortie=None) == [MOCK, MOCK]
     assert links_of_scenario(source, [MOCK], sortie=2) == [MOCK]
     for given in ([MOCK], [MOCK] * 3):
-        with pytest.raises(InputError, match=rf"--to: names {len(given)} vehicles?, and .* lists 2 that differ"):
+        with pytest.raises(
+            InputError, match=rf"--to: the option names {len(given)} vehicles?, but .* lists 2 that differ"
+        ):
             links_of_scenario(source, given, sortie=None)
     one = scenario_file(tmp_path, VEHICLE + ONE)
     assert links_of_scenario(one, [], sortie=None) == own[:1]
@@ -48,9 +50,11 @@ def test_links_of_all_vehicles_in_their_order(tmp_path: Path) -> None:
 
 def test_a_missing_link_is_named(tmp_path: Path) -> None:
     source = scenario_file(tmp_path, f"[[vehicle]]\n{ONE}[[vehicle]]\n")
-    with pytest.raises(InputError, match=r"--to: is missing, and \[\[vehicle\]\] number 2 has no link; give --to for"):
+    with pytest.raises(
+        InputError, match=r"--to: the option is missing, and \[\[vehicle\]\] number 2 has no link; use --to for"
+    ):
         links_of_scenario(source, [], sortie=None)
-    with pytest.raises(InputError, match=r"--to: is missing, and \[vehicle\] has no link"):
+    with pytest.raises(InputError, match=r"--to: the option is missing, and \[vehicle\] has no link"):
         links_of_scenario(scenario_file(tmp_path, VEHICLE), [], sortie=None)
     alike = VEHICLE + ONE + "[fleet]\nvehicles = 2\n"
     with pytest.raises(InputError, match=r"\[vehicle\] has one link for 2 vehicles"):
@@ -88,11 +92,11 @@ def test_one_link_with_a_system_for_each_vehicle(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("urls", "systems", "words"),
     [
-        (["udp::1", "udp::2"], [1, 2, 3], "--system: is given 3 times, and --to 2 times"),
-        ([], [1, 2], "--system: selects vehicles on one link: give that link with --to"),
-        (["udp::1"], [4, 4], "--system: 4 at udp::1 is given twice"),
-        (["udp::1", "udp::1"], [], "--to: udp::1 is given 2 times; each vehicle needs its own link, or its own --system"),
-        (["udp::1", "udp::1"], [3], "--system: 3 at udp::1 is given twice"),
+        (["udp::1", "udp::2"], [1, 2, 3], "--system: the option is used 3 times, but --to 2 times"),
+        ([], [1, 2], "--system: the option selects vehicles on one link; specify that link with --to"),
+        (["udp::1"], [4, 4], "--system: 4 at udp::1 is used twice"),
+        (["udp::1", "udp::1"], [], "--to: udp::1 is used 2 times; each vehicle needs its own link, or its own --system"),
+        (["udp::1", "udp::1"], [3], "--system: 3 at udp::1 is used twice"),
     ],
 )  # fmt: skip
 def test_places_that_do_not_fit(urls: list[str], systems: list[int], words: str) -> None:
@@ -103,9 +107,9 @@ def test_places_that_do_not_fit(urls: list[str], systems: list[int], words: str)
 def test_vehicles_at_one_place() -> None:
     udp = VehiclePlace("udp:127.0.0.1:1")
     require_different([MOCK, MOCK, udp])
-    with pytest.raises(InputError, match=r"--to: udp:127.0.0.1:1 is given 2 times"):
+    with pytest.raises(InputError, match=r"--to: udp:127\.0\.0\.1:1 is used 2 times"):
         require_different([udp, MOCK, udp])
-    with pytest.raises(InputError, match=r"--to: udp:127.0.0.1:1 is given 2 times"):
+    with pytest.raises(InputError, match=r"--to: udp:127\.0\.0\.1:1 is used 2 times"):
         require_different([udp, udp._replace(system_id=2)])
 
 
@@ -114,15 +118,15 @@ def test_vehicles_at_one_place() -> None:
     [
         (
             f"[[vehicle]]\n{ONE}[[vehicle]]\n{OTHER}[[vehicle]]\n{ONE}",
-            "is that of vehicle.0; each vehicle needs its own link",
+            "is already used by vehicle.0; each vehicle needs its own link",
         ),
         (
             f"[[vehicle]]\n{ONE}system_id = 3\n[[vehicle]]\n{ONE}",
-            "vehicle.1.link: udpin://127.0.0.1:14550 is that of vehicle.0; each vehicle needs its own link, or a system_id",
+            "vehicle.1.link: udpin://127.0.0.1:14550 is already used by vehicle.0; each vehicle needs its own",
         ),
         (
             f"[[vehicle]]\n{ONE}system_id = 3\n[[vehicle]]\n{ONE}system_id = 3\nendurance_s = 900.0\n",
-            "vehicle.1.system_id: 3 at udpin://127.0.0.1:14550 is vehicle.0",
+            "vehicle.1.system_id: 3 at udpin://127.0.0.1:14550 is already used by vehicle.0",
         ),
         ("[vehicle]\nsystem_id = 256\n", "system_id: 256 is outside 1..255"),
         (f"[[vehicle]]\nlink = 3\n[[vehicle]]\n{OTHER}", "vehicle.0.link: must be text in quotes, not 3"),

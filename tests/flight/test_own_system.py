@@ -1,4 +1,4 @@
-"""An ArduPilot that listens to one ground station alone is refused by name, and minded with that station's number."""
+"""An ArduPilot that accepts only one ground station is refused by name, and minded with that station's number."""
 
 import contextlib
 import dataclasses
@@ -26,7 +26,7 @@ def test_a_vehicle_that_minds_another_station_is_refused_with_what_to_do():
         enforcing().fly()
     assert caught.value.outcome.ending is Ending.NOT_ARMED
     text = str(caught.value)
-    assert "vehicle 1 sends heartbeats, and answers nothing that we, system 255, send" in text
+    assert "vehicle 1 sends heartbeats, but does not answer this program (system 255); it may accept only" in text
     assert "set --own-system to the number in its MAV_GCS_SYSID" in text
     assert "--yes" not in text
 

@@ -112,7 +112,7 @@ ROW = {"names": ["A/100"], "category": "mission", "what": "a", "why": "b"}
         ({"rule": "= 1", "if": ["B = 1"], "worse": [{"weight": "note", "says": "x"}]}, "B is neither a key nor a fact"),
         ({"rule": "= 1", "worse": [{"weight": "grave", "says": "x"}]}, "grave"),
         ({"rule": "= 1", "worse": [{"weight": "note", "says": "x", "sets": "a lot"}]}, "neither a number nor a fact"),
-        ({"names": ["A", "A"]}, "stands in two rows"),
+        ({"names": ["A", "A"]}, "appears in two rows"),
         ({"planned": "wind"}, "wind is not a fact"),
     ],
 )

@@ -76,8 +76,8 @@ def test_home_lower_is_told_with_the_clearance_that_is_left(autopilot, since):
     outcome, text = flown(scene, lambda scene: second_station(scene, home_at(up=-25.0)))
     assert outcome.ending is Ending.HOME_MOVED
     assert "home was moved 25.0 m lower in flight" in text
-    assert f"{since} the rest of the mission is flown 25.0 m lower than planned" in text
-    assert "its clearance above the ground goes from 55.0 m to 30.0 m, where 40 m are required" in text
+    assert f"{since} the remaining mission is flown 25.0 m lower than planned" in text
+    assert "its clearance above the ground changes from 55.0 m to 30.0 m, where 40 m are required" in text
 
 
 def test_home_higher_and_aside_is_told_by_height_and_by_the_way_home():
@@ -85,7 +85,7 @@ def test_home_higher_and_aside_is_told_by_height_and_by_the_way_home():
     outcome, text = flown(scene, lambda scene: second_station(scene, home_at(north=60.0, up=15.0)))
     assert outcome.ending is Ending.HOME_MOVED
     assert "15.0 m higher and 60 m aside" in text
-    assert "largest height above the ground goes from 70.0 m to 85.0 m, where 80 m are allowed" in text
+    assert "largest height above the ground changes from 70.0 m to 85.0 m, where 80 m are allowed" in text
     assert "ends at the new home, along an unchecked path" in text
 
 
@@ -110,7 +110,7 @@ def test_a_home_that_is_put_back_after_the_band_was_left_is_no_good_ending():
     )
     assert any(incident.kind is Ending.BAND_LEFT for incident in outcome.incidents)
     assert outcome.ending is Ending.HOME_MOVED
-    assert "was put back, and meanwhile the vehicle is " in text
+    assert "was moved in flight and later restored; meanwhile the" in text
 
 
 class Later:
@@ -217,7 +217,7 @@ def test_a_fence_that_another_station_makes_smaller_is_a_breach(autopilot):
     told = text + " | ".join(incident.text for incident in outcome.incidents)
     assert any(incident.kind is Ending.FENCE_CHANGED for incident in outcome.incidents)
     assert "another station changed the vehicle's fence in flight" in told
-    assert "the rest of the mission leads 40 m out of it" in told
+    assert "the remaining mission leads 40 m outside it: an active" in told
 
 
 def test_rally_points_that_are_changed_are_told_and_do_not_end_the_flight():

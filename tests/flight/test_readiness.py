@@ -171,7 +171,8 @@ def test_what_comes_too_rarely_is_asked_for_three_times_and_refused(
 
     monkeypatch.setattr(MockState, "set_interval", slow)
     with pytest.raises(
-        VehicleError, match=rf"the vehicle sends {kind.__name__} \d.\d times a second .* needs {needs}; not started"
+        VehicleError,
+        match=rf"the vehicle sends {kind.__name__} \d.\d times a second .* requires {needs}, so it was not started",
     ):
         scene.fly()
     assert asked.count(kind) == 3
@@ -223,11 +224,12 @@ def test_exactly_as_often_as_needed_is_often_enough() -> None:
     check_telemetry(enough)
     assert enough.asked == []
     with pytest.raises(
-        VehicleError, match=r"the vehicle sends GlobalPositionInt 4\.0 times a second .* following needs 5; not started"
+        VehicleError,
+        match=r"the vehicle sends GlobalPositionInt 4\.0 times a second .* requires 5, so it was not started",
     ):
         check_telemetry(Telling(GlobalPositionInt=2))
     with pytest.raises(
-        VehicleError, match=r"the vehicle sends GlobalPositionInt 2\.0 .* and Attitude 0\.0 .* following needs 5 and 2;"
+        VehicleError, match=r"the vehicle sends GlobalPositionInt 2\.0 .* and Attitude 0\.0 .* requires 5 and 2, so"
     ):
         check_telemetry(Telling(Attitude=0))
 

@@ -65,7 +65,7 @@ def test_a_rate_that_is_too_low_keeps_it_on_the_ground(
 ) -> None:
     scene, _ = scene_at(rate_hz, autopilot, monkeypatch)
     begun: list[bool] = []
-    with pytest.raises(FlightFailedError, match=r"GlobalPositionInt .*needs 5|no position messages") as caught:
+    with pytest.raises(FlightFailedError, match=r"GlobalPositionInt .*requires 5|no position messages") as caught:
         scene.fly(on_begin=lambda: begun.append(True))
     assert caught.value.outcome.ending is Ending.NOT_READY
     assert not scene.vehicle.armed

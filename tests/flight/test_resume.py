@@ -206,7 +206,7 @@ def test_after_the_client_was_killed_in_the_air(site, run, undisturbed, autopilo
     second = field.resume()
     assert second is not None
     assert second.ending is Ending.LANDED
-    assert "uploading the rest of the mission" in field.said
+    assert "uploading the remaining mission" in field.said
     check_together(field, undisturbed, 2)
 
 
@@ -260,7 +260,7 @@ def test_held_where_it_left_the_route_it_goes_on_with_the_mission_that_it_has(si
     second = field.resume()
     assert second is not None
     assert second.ending is Ending.LANDED
-    assert "uploading the rest of the mission" not in field.said
+    assert "uploading the remaining mission" not in field.said
     check_together(field, undisturbed, 2)
 
 
@@ -315,7 +315,7 @@ def test_left_holding_it_closes_the_gaps_from_where_it_is_and_lands(site, run, u
 
 
 def test_nothing_flown_is_nothing_to_resume(site, run):
-    with pytest.raises(InputError, match=r"has no track.csv; it is made by: uavcover fly \(without --resume\)"):
+    with pytest.raises(InputError, match=r"has no track.csv; create it with: uavcover fly \(without --resume\)"):
         find_unfinished(RunFolder(run), site)
 
 

@@ -12,14 +12,14 @@ def warnings(autopilot, settings, **planned):
     scene = make_scene(autopilot, settings=settings)
     scene.upload(mission())
     scene.fly(plan=dataclasses.replace(plan_for(mission()), **planned))
-    return [text for text in scene.told(EventKind.WARNING) if "the plan counts on" in text]
+    return [text for text in scene.told(EventKind.WARNING) if "but the plan assumes" in text]
 
 
 @pytest.mark.parametrize(("autopilot", "name"), [(ARDUPILOT, "WPNAV_SPEED_UP"), (PX4, "MPC_Z_V_AUTO_UP")])
 def test_a_vehicle_that_climbs_slower_than_planned_is_told(autopilot, name):
     told = warnings(autopilot, Settings(climb_m_s=2.5, descent_m_s=5.0), max_climb_m_s=5.0, max_descent_m_s=5.0)
     assert told == [
-        f"the vehicle climbs at 2.5 m/s ({name}), the plan counts on 5 m/s: the flight takes longer than planned; "
+        f"the vehicle climbs at 2.5 m/s ({name}), but the plan assumes 5 m/s: the flight takes longer than planned; "
         "plan with the vehicle's speeds, or set the parameter"
     ]
 

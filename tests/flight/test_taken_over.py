@@ -157,7 +157,7 @@ def test_the_incident_of_a_link_failsafe_lasts_when_the_link_is_back(autopilot):
     assert "the link was silent for" in taken.text
     assert taken.evidence
     assert "changed to return mode" in text
-    assert sum("is heard again" in told for told in scene.told(EventKind.WARNING)) == 1
+    assert sum("sends messages again" in told for told in scene.told(EventKind.WARNING)) == 1
 
 
 @AUTOPILOTS
@@ -183,7 +183,7 @@ def test_a_flight_that_ended_in_the_dark_says_that_it_is_not_known_how():
 
     outcome, text = flown(scene, on_event=at_waypoint(scene, 0, lambda: scene.link.go_dark(80.0)), pause=pause)
     assert outcome.ending is Ending.ENDED_EARLY
-    assert "the events in the silence of 80 s before that is not known" in text
+    assert "the events during the silence of 80 s before that are not known" in text
 
 
 def test_a_pause_of_this_process_alone_is_no_lost_link():
@@ -235,7 +235,7 @@ def test_a_vehicle_that_a_failsafe_landed_is_not_told_to_disarm(autopilot, monke
     outcome, text = flown(scene, on_event=at_waypoint(scene, 1, land))
     assert witness.steered == []
     assert outcome.ending is Ending.FENCE_BREACHED
-    assert "on the ground and stays armed: left to the pilot or station that controls it" in text
+    assert "on the ground and stays armed: the pilot or station that controls it" in text
 
 
 def test_a_pilot_on_the_ground_after_the_start_is_no_failed_start(monkeypatch):
@@ -261,8 +261,8 @@ def test_a_stop_that_the_vehicle_does_not_hear_ends_no_record(autopilot):
     outcome, text = flown(scene, stop=presses(scene, 35.0), timeouts=FlightTimeouts())
     assert not scene.vehicle.armed, text
     assert outcome.ending is Ending.FAILED
-    assert "it was followed, and landed and disarmed" in text
-    assert any("following it anyway" in told for told in scene.told(EventKind.WARNING))
+    assert "the vehicle was followed until it landed and disarmed" in text
+    assert any("the flight is followed anyway" in told for told in scene.told(EventKind.WARNING))
 
 
 @AUTOPILOTS

@@ -37,7 +37,7 @@ def received(monkeypatch) -> list[m.Message]:
 def test_what_is_no_multirotor_is_not_touched(autopilot, vehicle_type, received):
     scene = make_scene(autopilot, vehicle_type=vehicle_type)
     scene.vehicle.missions.replace(MissionType.MISSION, ())
-    said = rf"says that it is an? .*, MAV_TYPE {vehicle_type}; uavcover supports only multirotors"
+    said = rf"reports that it is an? .*, MAV_TYPE {vehicle_type}; uavcover supports only multirotors"
     with pytest.raises(FlightFailedError, match=said) as failed:
         scene.fly()
     assert failed.value.outcome.ending is Ending.NOT_ARMED
@@ -58,7 +58,7 @@ def test_a_type_that_changes_before_arming_is_refused(received):
     scene.vehicle.vehicle_type = parse_type("plane")
     scene.client.poll(1.5)
     received.clear()
-    with pytest.raises(FlightFailedError, match="says that it is a plane, MAV_TYPE 1"):
+    with pytest.raises(FlightFailedError, match="reports that it is a plane, MAV_TYPE 1"):
         scene.fly()
     assert not scene.vehicle.armed
     assert received == []

@@ -180,7 +180,7 @@ def test_checked_before_it_is_sent(item: MissionItem, ardupilot: str, px4: str) 
 
 def test_too_many_items_and_impossible_lists() -> None:
     (problem,) = check_for_autopilot([WAYPOINT] * 651, ARDUPILOT)
-    assert str(problem) == "the list: 651 items, ArduPilot takes 650; split the mission"
+    assert str(problem) == "the list: 651 items, but the limit of ArduPilot is 650; split the mission"
     assert check_for_autopilot([WAYPOINT] * 651, PX4) == ()
     (problem,) = check_for_autopilot([WAYPOINT], PX4, MissionType.FENCE)
     assert "not a fence item" in problem.what

@@ -57,12 +57,14 @@ def test_fences_and_rally_points_differ_as_item_lists() -> None:
 
 def test_a_change_only_fits_the_mission_it_was_made_from() -> None:
     change = diff(MISSION, replace(MISSION, items=MISSION.items[1:]))
-    with pytest.raises(MisuseError, match="does not fit at item 0"):
+    with pytest.raises(MisuseError, match="does not match the mission at item 0"):
         apply_diff(change, replace(MISSION, items=MISSION.items[2:]))
-    with pytest.raises(MisuseError, match="its home is not"):
+    with pytest.raises(
+        MisuseError, match="the change was made for a mission with a different home; create it again from"
+    ):
         apply_diff(diff(MISSION, replace(MISSION, home=None)), replace(MISSION, home=replace(HOME, lat_deg=1.0)))
     late = (Edit(0, MISSION.items[:2], ()), Edit(1, MISSION.items[1:2], ()))
-    with pytest.raises(MisuseError, match="does not fit at item 1"):
+    with pytest.raises(MisuseError, match="does not match the mission at item 1"):
         apply_edits(late, MISSION.items)
 
 

@@ -50,8 +50,8 @@ def test_a_place_that_was_never_set_is_doubted() -> None:
     assert doubts_about(
         Mission(GeoPoint(0.0, 0.0, 0.0), (*MISSION.items, zero, delay(1.0), replace(zero, command=195)))
     ) == (
-        "home is at latitude 0, longitude 0, in the open sea: set home, if it was never set",
-        "item 9: a waypoint at latitude 0, longitude 0",
+        "home is at latitude 0, longitude 0, in the open sea; set the home position",
+        "item 9: this waypoint is at latitude 0, longitude 0",
     )
 
 
@@ -64,5 +64,5 @@ def test_a_route_far_from_home_is_doubted_and_a_swapped_one_is_named() -> None:
     (doubt,) = doubts_about(Mission(HOME, (waypoint(33.2, -90.0, 30.0, frame=Frame.AMSL),)))
     far_km = GEOD.inv(HOME.lon_deg, HOME.lat_deg, -90.0, 33.2)[2] / 1000.0
     assert doubt.startswith(
-        f"item 1: {far_km:.0f} km from home, the farthest of 1 beyond 100 km; is it another place's"
+        f"item 1: {far_km:.0f} km from home, the farthest of 1 beyond 100 km; does the route or home belong"
     )

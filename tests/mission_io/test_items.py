@@ -89,10 +89,10 @@ VERTEX = MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Frame.AMSL, (3.
     [
         ([VERTEX, VERTEX], "the last polygon has 2 of its 3"),
         ([VERTEX, MissionItem(5003, Frame.AMSL, (9.0, 0.0, 0.0, 0.0))], "fence item 1: the polygon before it has 1"),
-        ([dataclasses.replace(VERTEX, params=(2.0, 0.0, 0.0, 0.0))], "fence item 0: a polygon of 2 vertices"),
-        ([dataclasses.replace(VERTEX, params=(math.nan, 0.0, 0.0, 0.0))], "a polygon of nan vertices"),
+        ([dataclasses.replace(VERTEX, params=(2.0, 0.0, 0.0, 0.0))], "fence item 0: the polygon has 2 vertices"),
+        ([dataclasses.replace(VERTEX, params=(math.nan, 0.0, 0.0, 0.0))], "polygon has nan vertices"),
         ([MissionItem(5004, Frame.AMSL)], "radius 0.0 m"),
-        ([MissionItem(5000, Frame.AMSL)] * 2, "fence item 1: a second return point"),
+        ([MissionItem(5000, Frame.AMSL)] * 2, "fence item 1: this is a second return point"),
         ([MissionItem(16, Frame.AMSL)], "command 16 is not a fence item"),
     ],
 )

@@ -143,7 +143,8 @@ def test_fences_and_rally_points_are_refused_before_anything_is_sent(mission_typ
         lambda: client.upload(mission_type, ITEMS),
     ):
         with pytest.raises(
-            MisuseError, match="fences and rally points do not exist in MAVLink 1; the peer speaks nothing"
+            MisuseError,
+            match=r"fences and rally points do not exist in MAVLink 1; the peer uses MAVLink 1",
         ):
             attempt()
     assert peer.heard_1 == before

@@ -109,7 +109,10 @@ def test_a_list_without_home_would_lose_its_first_item_on_ardupilot() -> None:
 def test_terrain_frames_are_for_ardupilot_only() -> None:
     terrain = replace(PLACE, frame=Frame.ABOVE_TERRAIN)
     assert problems(terrain, ARDUPILOT) == ""
-    assert problems(terrain, PX4) == "item 1, frame: PX4 does not take heights ABOVE_TERRAIN; use ABOVE_HOME or AMSL"
+    assert (
+        problems(terrain, PX4)
+        == "item 1, frame: PX4 does not accept heights in frame ABOVE_TERRAIN; use ABOVE_HOME or AMSL"
+    )
 
 
 @BOTH
@@ -149,9 +152,11 @@ def test_jumps_name_items_as_each_autopilot_counts_them() -> None:
     for autopilot in (ARDUPILOT, PX4):
         assert mission_from_wire(wire_items(mission, autopilot), autopilot).items == mission.items
         assert check_for_autopilot(wire_items(mission, autopilot), autopilot) == ()
-    assert "a jump to item 5, the list has items 0 to 2" in problems(replace(JUMP, params=(5.0, 1.0, 0.0, 0.0)), PX4)
+    assert "a jump to item 5, but the list has items 0 to 2" in problems(
+        replace(JUMP, params=(5.0, 1.0, 0.0, 0.0)), PX4
+    )
     home = replace(JUMP, params=(0.0, 1.0, 0.0, 0.0))  # ArduPilot answers ERROR
-    assert "a jump to item 0, the list has items 1 to 2" in problems(home, ARDUPILOT)
+    assert "a jump to item 0, but the list has items 1 to 2" in problems(home, ARDUPILOT)
     assert "a jump" not in problems(home, PX4)
 
 
@@ -178,16 +183,18 @@ def test_frames_come_back_changed_on_ardupilot_and_as_they_were_on_px4() -> None
 def test_nan_is_taken_by_ardupilot_only_as_parameter_4_of_waypoint_land_and_takeoff(command: int) -> None:
     item = replace(PLACE, command=command, params=(0.0, 0.0, 0.0, math.nan))
     assert problems(item, ARDUPILOT) == problems(item, PX4) == ""
-    assert "param1: NaN" in problems(replace(item, params=(math.nan, 0.0, 0.0, 0.0)), ARDUPILOT)
-    assert "param4: NaN" in problems(replace(item, command=19), ARDUPILOT)
+    assert "param1: ArduPilot does not accept NaN" in problems(
+        replace(item, params=(math.nan, 0.0, 0.0, 0.0)), ARDUPILOT
+    )
+    assert "param4: ArduPilot does not accept NaN" in problems(replace(item, command=19), ARDUPILOT)
     assert problems(replace(item, command=19), PX4) == ""
 
 
 def test_the_item_limit_is_the_vehicles_when_it_tells_one() -> None:
     many = [PLACE] * 700
-    assert "700 items, ArduPilot takes 650" in str(check_for_autopilot(many, ARDUPILOT)[0])
+    assert "700 items, but the limit of ArduPilot is 650" in str(check_for_autopilot(many, ARDUPILOT)[0])
     assert check_for_autopilot(many, ARDUPILOT, item_limit=718) == ()
-    assert "700 items, PX4 takes 500" in str(check_for_autopilot(many, PX4, item_limit=500)[0])
+    assert "700 items, but the limit of PX4 is 500" in str(check_for_autopilot(many, PX4, item_limit=500)[0])
 
 
 def test_a_hold_of_minus_5_seconds_would_come_back_as_65531() -> None:
@@ -304,14 +311,14 @@ def bad_fence(name: str) -> list[MissionItem]:
     ("name", "what"),
     [
         ("frame", "crosses or touches itself"),
-        ("no vertices", "a polygon of 0 vertices"),
+        ("no vertices", "the polygon has 0 vertices"),
         ("wrong count", "the last polygon has 3 of its 4"),
-        ("two return points", "a second return point"),
+        ("two return points", "this is a second return point"),
         ("latitude 100", "latitude 100.0 is not from -90 to 90"),
-        ("two vertices", "a polygon of 2 vertices"),
+        ("two vertices", "the polygon has 2 vertices"),
         ("circle without a radius", "radius 0.0 m is not above 0"),
         ("crossing itself", "fence polygon 0: it crosses or touches itself (self-intersection); draw it again"),
-        ("terrain", "does not take heights ABOVE_TERRAIN"),
+        ("terrain", "does not accept heights in frame ABOVE_TERRAIN"),
     ],
 )
 def test_a_bad_fence_is_found_on_our_side(name: str, what: str) -> None:
@@ -392,4 +399,4 @@ def test_an_altitude_one_centimetre_off_is_arithmetic_and_two_are_a_fault() -> N
 def test_a_frame_that_changes_the_meaning_of_a_height_is_a_fault() -> None:
     (difference,) = compare_items([PLACE] * 2, [PLACE, replace(PLACE, frame=Frame.AMSL)], PX4)
     assert (difference.field, difference.acceptable) == ("frame", False)
-    assert difference.why == "the height would be measured from something else"
+    assert difference.why == "the height would refer to a different datum"

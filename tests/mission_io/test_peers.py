@@ -163,7 +163,7 @@ def test_a_ground_station_with_our_system_id_is_noticed_and_said_once(
         client.poll(1.0)
     address = Address(station.codec.system_id, station.codec.component_id)
     assert client.peers.same_ids == ({address} if said else set())
-    assert caplog.text.count("give one of the two another system id") == int(said)
+    assert caplog.text.count("change the system id of one of them") == int(said)
 
 
 def test_our_own_messages_coming_back_are_no_other_ground_station(caplog: pytest.LogCaptureFixture) -> None:
@@ -181,14 +181,15 @@ def test_our_own_messages_coming_back_are_no_other_ground_station(caplog: pytest
 
 def test_a_vehicle_with_our_own_system_id_is_an_error() -> None:
     client = client_on(Bus(Vehicle(1)), system_id=1)
-    with pytest.raises(MisuseError, match="the vehicle is system 1, and so are we; take another system id"):
+    with pytest.raises(MisuseError, match="the vehicle and this program both use system id 1; use another system id"):
         client.wait_for_vehicle()
 
 
 def test_a_vehicle_that_is_not_there_names_those_that_are() -> None:
     client = client_on(Bus(Vehicle(3), Vehicle(4), Station(254, 190, GROUND_BEAT)))
     with pytest.raises(
-        VehicleSilentError, match=r"no vehicle with system id 9 sent a heartbeat within 3 s; heard of \[3, 4\]"
+        VehicleSilentError,
+        match=r"no vehicle with system id 9 sent a heartbeat within 3 s; received heartbeats of \[3, 4\]",
     ):
         client.wait_for_vehicle(3.0, system_id=9)
 

@@ -47,7 +47,7 @@ def test_they_are_what_they_say() -> None:
         conditions = preset.conditions
         assert min(conditions.loss, conditions.duplication, conditions.corruption, conditions.jitter_s) > 0.0
     assert link_preset("satellite") is SATELLITE
-    with pytest.raises(MisuseError, match="there are default, telemetry-radio, satellite"):
+    with pytest.raises(MisuseError, match="use one of default, telemetry-radio, satellite"):
         link_preset("carrier-pigeon")
 
 

@@ -149,7 +149,7 @@ class Noise:
 def test_noise_instead_of_mavlink_is_said() -> None:
     client = Client(SimulatedLink(Noise(), rng=random.Random(1)))
     with pytest.raises(
-        VehicleSilentError, match=r"within 2.5 s; 60 bytes came that are no MAVLink; is the baud rate right"
+        VehicleSilentError, match=r"within 2.5 s; 60 bytes received are not MAVLink; is the baud rate right"
     ):
         client.wait_for_vehicle(2.5)
 

@@ -338,7 +338,7 @@ def test_a_key_that_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_impossible_keys_and_links_are_refused() -> None:
-    with pytest.raises(MisuseError, match="has 32 bytes, this one has 5"):
+    with pytest.raises(MisuseError, match="has 32 bytes, but this one has 5"):
         SigningKey(b"short")
     with pytest.raises(MisuseError, match="passphrase is empty"):
         SigningKey.from_passphrase("")

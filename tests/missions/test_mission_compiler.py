@@ -172,7 +172,7 @@ def test_endurance() -> None:
     enough = make_site(vehicle={"endurance_s": 1.25 * found.flight_time_s + 1.0, **sure})
     assert compiled(enough).flight_time_s == found.flight_time_s
     with pytest.raises(
-        InfeasibleError, match=r"the flight takes \d+ s .* vehicle.endurance_s is [\d.]+ s, of which .* leaves \d+ s"
+        InfeasibleError, match=r"the flight takes 220 s with its transits, but vehicle\.endurance_s is 273\.669 s, and"
     ):
         compiled(make_site(vehicle={"endurance_s": 1.25 * found.flight_time_s - 1.0}))
 
@@ -187,7 +187,7 @@ def test_a_battery_that_the_wind_empties() -> None:
     short = make_site(vehicle={**calm, "endurance_s": 400.0 * used / 0.8 * 1.04}, wind=Wind(most_m_s=7.0))
     with pytest.raises(
         InfeasibleError,
-        match=r"uses 77% of a battery in 7 m/s of wind, of which .*reserve_fraction = 0.2 and .* leave 76%",
+        match=r"uses 77% of a battery in 7 m/s of wind; vehicle\.reserve_fraction = 0\.2 and",
     ):
         compiled(short)
     enough = make_site(vehicle={**calm, "endurance_s": 400.0 * used / 0.8 * 1.06}, wind=Wind(most_m_s=7.0))
@@ -208,7 +208,7 @@ def test_flight_time_by_hand() -> None:
 
 
 def test_no_place_on_earth_and_no_home() -> None:
-    with pytest.raises(InputError, match=r"has no position on Earth.*give it an \[origin\]"):
+    with pytest.raises(InputError, match="has no position on Earth, so there is no mission to fly; add"):
         compiled(make_site(on_earth=False))
     with pytest.raises(InputError, match=r"has no \[home\]"):
         compiled(make_site(home=None))
@@ -216,7 +216,7 @@ def test_no_place_on_earth_and_no_home() -> None:
 
 def test_too_many_items_for_the_autopilot() -> None:
     many = Route(np.array([[float(k % 300), 50.0, 80.0] for k in range(800)]))
-    with pytest.raises(InfeasibleError, match=r"would not take this mission: the list: 80[0-9] items"):
+    with pytest.raises(InfeasibleError, match="would not accept this mission: the list: 805 items"):
         compile_mission(make_site(), many, autopilot="ardupilot")
 
 

@@ -91,7 +91,7 @@ def test_a_rally_point_outside_the_fence_is_refused() -> None:
     assert site.frame is not None
     lat, lon, _ = site.frame.geodetic_from_enu(np.array([[5000.0, 0.0, 0.0]]))
     planner = dataclasses.replace(scenario.planner, rally=((float(lon[0]), float(lat[0])),))
-    with pytest.raises(ScenarioError, match=r"planner\.rally\.0: lies outside limits\.fence"):
+    with pytest.raises(ScenarioError, match=r"planner\.rally\.0: the position is outside limits\.fence"):
         build_site(dataclasses.replace(scenario, planner=planner))
 
 

@@ -44,11 +44,11 @@ def test_every_fault_can_be_asked_for_by_its_name_alone(kind):
     ("text", "says"),
     [
         ("engine-fire", "use one of heartbeat-loss, gps-loss"),
-        ("gps-loss@soon", "'soon' is not a moment; write 40s, boot\\+40s or item5"),
+        ("gps-loss@soon", "'soon' is not a time or item; write 40s, boot\\+40s or item5"),
         ("gps-loss:-3", "'-3' is not a number above 0"),
         ("gps-loss:nan", "'nan' is not a number above 0"),
         ("pilot-mode:acro", "'acro' is not the mode: hold, land"),
-        ("mission-changed:4", "takes nothing after a colon"),
+        ("mission-changed:4", "does not accept a value after the colon"),
         ("", "unknown name"),
     ],
 )

@@ -83,7 +83,9 @@ def test_a_refused_item_ends_the_mission_and_only_reading_back_shows_it() -> Non
     items = items_of(sent, ARDUPILOT)
     spoiled = (*items[:4], BAD, *items[5:])
     path = dat_path(MissionType.MISSION)
-    with pytest.raises(TransferError, match="arrived with another CRC"):  # a file like any other: it cannot be equal
+    with pytest.raises(
+        TransferError, match="arrived with a different CRC"
+    ):  # a file like any other: it cannot be equal
         FileUploads(client).upload(path, write_mission_dat(spoiled, MissionType.MISSION))
     assert len(vehicle.missions.items(MissionType.MISSION)) == 4
 
@@ -104,7 +106,7 @@ def test_what_no_vehicle_should_hold_is_not_sent() -> None:
     client = connected(mock_vehicle(ARDUPILOT))
     with pytest.raises(MisuseError, match="the mission was not sent"):
         FileUploads(client).upload_list(Mission(HOME, (BAD,)))
-    with pytest.raises(MisuseError, match="PX4 has no lists as files"):
+    with pytest.raises(MisuseError, match="PX4 does not provide its lists as files"):
         FileUploads(connected(mock_vehicle(PX4))).upload_list(mission(3))
 
 

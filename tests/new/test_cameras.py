@@ -141,9 +141,9 @@ def test_a_camera_and_a_vehicle_of_ones_own(tmp_path):
     ("text", "words"),
     [
         ("[", "not valid TOML"),
-        ("", "sensor_mm: is missing; needed are"),
+        ("", "sensor_mm: the key is missing; required keys are"),
         (OWN.replace("pixels", "pixel"), "pixel: unknown key; did you mean pixels?"),
-        (OWN.replace("[13.2, 8.8]", "13.2"), "is not two numbers"),
+        (OWN.replace("[13.2, 8.8]", "13.2"), "is not a list of two numbers"),
         (OWN.replace("[13.2, 8.8]", "[13.2, 0]"), "is not a number above 0"),
         (OWN.replace("8.8]", '"8.8"]'), "is not a number above 0"),
         (OWN.replace("8.8]", "8.0]"), "are not square"),
@@ -151,7 +151,7 @@ def test_a_camera_and_a_vehicle_of_ones_own(tmp_path):
         (OWN.replace("= 8.8", "= nan"), "is not a number above 0"),
         (OWN.replace("= 8.8", "= 0.5"), "not the 35 mm equivalent"),
         (OWN.replace("1.5", "-1"), "is not a number above 0"),
-        ("[a]\n" + OWN + "[b]\n" + OWN, "has several tables (a, b); leave one"),
+        ("[a]\n" + OWN + "[b]\n" + OWN, "has several tables (a, b); keep only one"),
     ],
 )  # fmt: skip
 def test_a_bad_camera_is_one_line(tmp_path, text, words):
@@ -167,7 +167,7 @@ def test_a_bad_camera_is_one_line(tmp_path, text, words):
 def test_a_bad_vehicle_is_one_line(tmp_path):
     path = tmp_path / "v.toml"
     for text, words in (
-        ('autopilot = "dji"', "give ardupilot or px4"),
+        ('autopilot = "dji"', "use ardupilot or px4"),
         ("speed = 3", "unknown key"),
         ("endurance_s = 0", "above 0"),
     ):

@@ -12,9 +12,9 @@ SURFACES = {
     "Copernicus_DSM_COG_10_N46_00_E008_00_DEM.tif": "Copernicus DEM GLO-30 is a surface, with buildings and trees",
     "Copernicus_DSM_30_N46_00_E008_00_DEM.tif": "Copernicus DEM GLO-90",
     "ALPSMLC30_N046E008_DSM.tif": "ALOS World 3D",
-    "N46E008.hgt": "named as SRTM's tiles are",
-    "n46e008.SRTMGL1.hgt.zip": "named as SRTM's tiles are",
-    "smith_SRTM.tif": "named as SRTM's tiles are",
+    "N46E008.hgt": "named like an SRTM tile",
+    "n46e008.SRTMGL1.hgt.zip": "named like an SRTM tile",
+    "smith_SRTM.tif": "named like an SRTM tile",
     "ASTGTMV003_N46E008_dem.tif": "ASTER GDEM",
     "site-dsm.tif": 'contains "dsm"',
     "DSM_2024.tif": 'contains "DSM"',
@@ -88,7 +88,7 @@ def test_pictures_of_heights_are_asked_about(tmp_path):
         values, profile = file.read(1), file.profile
     with rasterio.open(tmp_path / "dem.tif", "w", **{**profile, "dtype": "uint8", "nodata": None}) as file:
         file.write((values % 250).astype("uint8"), 1)
-    assert shading_in_words(TerrainSource((tmp_path / "dem.tif",))) == "dem.tif has 8 bits, 0 to 255, as images have"
+    assert shading_in_words(TerrainSource((tmp_path / "dem.tif",))) == "dem.tif has 8 bits (0 to 255), like an image"
     assert shading_in_words(TerrainSource((tmp_path / "none.tif",))) is None
 
 
@@ -113,6 +113,6 @@ def test_bands_beside_the_first_are_told_and_a_better_name_is_a_question(tmp_pat
     with source("slope", "Elevation").opened() as dataset, pytest.raises(TerrainError) as ended:
         source("slope", "Elevation").band_of(dataset)
     assert str(ended.value).endswith(
-        "its first band is 'slope', and 'Elevation' sounds like the heights; set terrain.band (--band) to one of: "
+        "the first band is 'slope', but the band 'Elevation' seems to contain the heights; set terrain.band (--band) to one of: "
         "1 slope, 2 Elevation"
     )

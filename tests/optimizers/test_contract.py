@@ -109,12 +109,12 @@ NONE = np.ones((12, 1))
 @pytest.mark.parametrize(
     ("objectives", "violations", "message"),
     [
-        (lambda m: np.ones((11, m)), NONE, r"objectives have shape \(11, {m}\): give \(12, {m}\)"),
+        (lambda m: np.ones((11, m)), NONE, r"objectives have shape \(11, {m}\): use \(12, {m}\)"),
         (lambda _: np.ones((12, 3)), NONE, r"objectives have shape \(12, 3\)"),
         (lambda _: np.ones(12), NONE, r"objectives have shape \(12,\)"),
         (lambda m: np.where(np.eye(12, m) > 0, np.nan, 1.0), NONE, r"objectives: entry \(0, 0\) is nan"),
         (lambda m: np.where(np.eye(12, m, -1) > 0, -np.inf, 1.0), NONE, r"objectives: entry \(1, 0\) is -inf"),
-        (lambda _: [[1.0, 2.0], [3.0]], NONE, "objectives: not an array of numbers"),
+        (lambda _: [[1.0, 2.0], [3.0]], NONE, "objectives: this is not an array of numbers"),
         (lambda m: np.ones((12, m)), None, "violations are missing"),
         (lambda m: np.ones((12, m)), np.ones((12, 2)), r"violations have shape \(12, 2\)"),
         (lambda m: np.ones((12, m)), NONE * np.nan, r"violations: entry \(0, 0\) is nan"),
@@ -167,13 +167,13 @@ def test_arguments_that_make_no_sense_are_refused(algorithm, overrides, message)
 
 @pytest.mark.parametrize("name", ["imodbo", "modbo", "dbo"])
 def test_a_population_smaller_than_the_four_groups_is_refused(name):
-    with pytest.raises(OptimizerError, match="population_size is 3: give a whole number >= 4"):
+    with pytest.raises(OptimizerError, match="population_size is 3: use a whole number >= 4"):
         build(ALGORITHMS[name], population_size=3)
 
 
 def test_the_smallest_population_works(algorithm):
     smallest = algorithm.smallest_population
-    with pytest.raises(OptimizerError, match=f"give a whole number >= {smallest}"):
+    with pytest.raises(OptimizerError, match=f"use a whole number >= {smallest}"):
         build(algorithm, population_size=smallest - 1)
     minimise(build(algorithm, population_size=smallest), objectives_of(algorithm))
 

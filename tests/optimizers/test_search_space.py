@@ -16,7 +16,7 @@ from uavcover.optimizers.ask_tell import Box
         ([0, np.nan], [1, 1], r"lower bounds: entry \(1,\) is nan"),
         ([0, 0], [1, np.inf], r"upper bounds: entry \(1,\) is inf"),
         ([-1.7e308], [1.7e308], "too far apart"),
-        (["a"], [1], "lower bounds: not an array of numbers"),
+        (["a"], [1], "lower bounds: this is not an array of numbers"),
     ],
 )
 def test_bounds_that_make_no_sense_are_refused(lower, upper, message):

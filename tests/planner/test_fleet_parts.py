@@ -143,7 +143,7 @@ def test_what_a_lost_vehicle_leaves_of_its_part_is_taken_over(planned: RunFolder
 
     with pytest.raises(FleetFailedError):
         fly(run, Hangar(2, make), user)
-    assert any("vehicle 1 takes over the rest of sortie" in line for line in user.lines)
+    assert any("vehicle 1 takes over the remaining part of sortie" in line for line in user.lines)
     document = judged(run)
     assert document["coverage_fraction"] >= 0.98 * document["planned_coverage_fraction"]
 
@@ -169,11 +169,11 @@ def test_a_route_of_another_number_of_parts_is_refused(planned: RunFolder, tmp_p
     run = copied(planned, tmp_path)
     site = load_site(load_scenario(run.file("scenario.toml")))
     whole = read_members(run, site)[-1].route
-    with pytest.raises(InputError, match=r"the route has 1 parts, and the vehicles of jacksboro see 2 parts"):
+    with pytest.raises(InputError, match=r"the route has 1 parts, but the vehicles of jacksboro see 2 parts"):
         compile_flights(site, Route(whole.waypoints_m))
     path = run.file("pareto_routes.csv")
     path.write_text("\n".join(line.rpartition(",")[0] for line in path.read_text().splitlines()) + "\n")
-    with pytest.raises(InputError, match=r"a route has another number of parts than 2; create it again"):
+    with pytest.raises(InputError, match=r"the number of parts of a route is not 2; create it again"):
         read_members(run, site)
 
 

@@ -126,7 +126,7 @@ def test_nothing_to_close_and_nothing_that_can_be_closed() -> None:
     coverage = CoverageMap(site, cell_size_m=10.0)
     with pytest.raises(InfeasibleError, match="no gaps"):
         closing(site, coverage, np.zeros(coverage.grid.count, dtype=bool))
-    with pytest.raises(InfeasibleError, match="no allowed position observes any"):
+    with pytest.raises(InfeasibleError, match="no allowed position can observe any"):
         closing(site, coverage, missing_in(coverage, (100, 180, 120, 200)))
 
 

@@ -112,7 +112,7 @@ def test_it_ends_when_told_to_and_is_the_same_for_any_number_of_threads():
     [
         ({"line_heading_deg": 10.0}, 'line_heading_deg: requires algorithm = "lines"'),
         ({"algorithm": "lines", "line_heading_deg": 360.0}, "outside 0 to below 360"),
-        ({"algorithm": "lines", "encoding": "waypoints"}, '"waypoints" are not lines'),
+        ({"algorithm": "lines", "encoding": "waypoints"}, '"waypoints" does not apply to lines'),
     ],
 )
 def test_settings_that_contradict(settings, words):

@@ -266,17 +266,17 @@ def test_a_band_too_narrow_for_the_climb_limit() -> None:
     with pytest.raises(InfeasibleError) as caught:
         make_plan(site, evaluations=20)
     text = str(caught.value)
-    assert text.startswith("no route keeps the limits of the scenario; the best one exceeds: leg to waypoint ")
+    assert text.startswith("no route meets the limits of the scenario; the best one violates: leg to waypoint ")
     assert "too high" in text
     assert "m above ground against 49.0 m above ground at " in text
-    assert "limits.height_margin_m = 1 m taken off" in text
+    assert "after limits.height_margin_m = 1 m" in text
     assert "allow a larger limits.max_climb_angle_deg" in text
     assert "\n" not in text
 
 
 def test_a_fence_that_cuts_the_area() -> None:
     fence = ((-200.0, -50.0), (100.0, -50.0), (100.0, 250.0), (-200.0, 250.0))
-    with pytest.raises(InfeasibleError, match=r"m outside the fence at \d+ m east.*give a larger fence"):
+    with pytest.raises(InfeasibleError, match=r"m outside the fence at \d+ m east.*use a larger fence"):
         make_plan(make_site(fence=fence), evaluations=20)
 
 

@@ -85,7 +85,7 @@ def test_weights_that_make_no_sense(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["coverage>=1.5", "coverage>=-0.1", "coverage>=1e", "coverage>=1e9"])
 def test_shares_that_make_no_sense(text: str) -> None:
-    with pytest.raises(InputError, match="needs a share between 0 and 1"):
+    with pytest.raises(InputError, match="needs a fraction between 0 and 1"):
         parse_rule(text)
 
 
@@ -220,8 +220,8 @@ def test_conditions_are_read_from_the_end() -> None:
         ("done<=soon", "done<= needs a time such as 40m"),
         ("done<=0m", "done<= needs a time"),
         ("done<=nan", "done<= needs a time"),
-        ("sorties<=0", "sorties<= needs a whole number from 1"),
-        ("sorties<=1.5", "sorties<= needs a whole number from 1"),
+        ("sorties<=0", "sorties<= needs a whole number of at least 1"),
+        ("sorties<=1.5", "sorties<= needs a whole number of at least 1"),
         ("vehicles<=", "vehicles<= needs a whole number"),
         ("sorties<=2,sorties<=3", "two conditions of one kind"),
         ("nearest,sorties<=2", "is not a rule"),

@@ -199,7 +199,7 @@ def test_a_truncated_file_is_refused(recorded: Path, tmp_path: Path, keep: float
 def test_other_files_are_refused(recorded: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.rrd"
     other.write_text("time_s,lat_deg\n" * 1000)
-    with pytest.raises(RecordingError, match="not a whole rerun recording"):
+    with pytest.raises(RecordingError, match="this is not a complete rerun recording"):
         read_recorded_track(other)
     with pytest.raises(RecordingError, match="no such file"):
         read_recorded_track(tmp_path / "missing.rrd")

@@ -231,8 +231,8 @@ VRT = b'<VRTDataset rasterXSize="10" rasterYSize="10"><SRS>EPSG:4326</SRS></VRTD
 BAD: dict[str, tuple[Callable[[Path, Site], Path], str]] = {
     "nothing": (lambda f, _: f / "no.tif", "no such file"),
     "a folder": (lambda f, _: f, "no such file"),
-    "empty": (lambda f, _: _written(f / "a.tif", b""), "cannot be read as GeoTIFF or MBTiles"),
-    "text": (lambda f, _: _written(f / "a.tif", b"hello"), "cannot be read as GeoTIFF or MBTiles"),
+    "empty": (lambda f, _: _written(f / "a.tif", b""), "the file cannot be read as GeoTIFF or MBTiles"),
+    "text": (lambda f, _: _written(f / "a.tif", b"hello"), "the file cannot be read as GeoTIFF or MBTiles"),
     "a picture without a place": (lambda f, _: _written(f / "a.png", _png(64, 64)), "cannot be read as GeoTIFF"),
     "a file that names others": (lambda f, _: _written(f / "a.vrt", VRT), "cannot be read as GeoTIFF"),
     "cut off": (
@@ -253,7 +253,7 @@ BAD: dict[str, tuple[Callable[[Path, Site], Path], str]] = {
     "an oblong tile": (lambda f, s: _broken_tile(f / "a.mbtiles", s, _png(256, 128)), "not a square"),
     "a huge tile": (lambda f, s: _broken_tile(f / "a.mbtiles", s, _png(4096, 4096)), "not a square of 64 to 2048"),
     "fine tiles only": (lambda f, _: _sql(
-        f / "a.mbtiles", *TABLES, "INSERT INTO tiles VALUES (22, 1, 1, x'00')"), "coarsest tiles are too many"),
+        f / "a.mbtiles", *TABLES, "INSERT INTO tiles VALUES (22, 1, 1, x'00')"), "coarsest zoom level has too many tiles"),
     "a broken database": (lambda f, _: _written(f / "a.mbtiles", b"SQLite format 3\0" + b"x" * 5000), "cannot be read"),
 }  # fmt: skip
 

@@ -138,7 +138,7 @@ def test_two_tracks_count_together(run: RunFolder, tmp_path: Path, content: Repo
     assert content.verdict is not None
     assert both.verdict.report.coverage_fraction == pytest.approx(content.verdict.report.coverage_fraction, abs=0.02)
     page = Elements(render_report(both))
-    assert "2 flights one after the other" in page.text
+    assert "2 consecutive flights" in page.text
     assert "observed, of the area, first.csv" in page.text
     assert "observed, of the area, second.csv" in page.text
 

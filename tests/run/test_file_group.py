@@ -154,7 +154,7 @@ def test_a_directory_in_the_way_of_any_file(seed: int, tmp_path: Path) -> None:
         if group.moved and name.startswith("sortie-1/"):
             continue  # it goes away with its folder
         before = held(folder)
-        with pytest.raises(OutputError, match=f"{name}: a directory is in the way"):
+        with pytest.raises(OutputError, match=f"{name}: this is a directory"):
             group.change(folder)
         assert held(folder) == before
         assert not list(folder.glob(".uavcover*"))
@@ -217,5 +217,5 @@ def test_a_file_half_written_when_killed_goes_with_the_next_command(tmp_path: Pa
 def test_a_journal_that_cannot_be_finished_is_named(tmp_path: Path) -> None:
     (tmp_path / file_group.JOURNAL).write_text("{")
     run = RunFolder(tmp_path)
-    with pytest.raises(OutputError, match="replacing its files was interrupted"):
+    with pytest.raises(OutputError, match="replacing files was interrupted"):
         run.existing("plan.json", made_by="uavcover plan")

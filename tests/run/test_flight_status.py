@@ -23,7 +23,7 @@ def run(tmp_path: Path) -> RunFolder:
 
 def flight(run: RunFolder) -> dict[str, Any]:
     document: dict[str, Any] = json.loads(run.file("run.json").read_text())
-    assert document["seed"] == 3, "the rest of the document is kept"
+    assert document["seed"] == 3, "the remaining document is kept"
     found: dict[str, Any] = document["flight"]
     return found
 

@@ -57,5 +57,7 @@ def test_a_log_that_is_gone_or_another_one_is_to_be_named(change: str, run: RunF
     log.write_bytes(b"what was flown")
     judged(run, log)
     log.unlink() if change == "gone" else log.write_bytes(b"something else")
-    with pytest.raises(InputError, match=r"its verdict is on flight.ulg, .*name the log: --log PATH/flight.ulg"):
+    with pytest.raises(
+        InputError, match=r"the verdict refers to flight\.ulg, which is missing or has changed; specify the log"
+    ):
         logs_of_the_verdict(run)

@@ -49,7 +49,7 @@ def test_reserved_folder_is_made_and_kept_to_oneself(tmp_path: Path) -> None:
     with run.reserved(["a"], force=False):
         assert run.path.is_dir()
         with (
-            pytest.raises(OutputError, match="another uavcover is working"),
+            pytest.raises(OutputError, match="another uavcover process uses"),
             RunFolder(run.path).reserved([], force=True),
         ):
             pass
@@ -89,7 +89,7 @@ def test_an_error_leaves_no_empty_folder(tmp_path: Path) -> None:
 
 
 def test_missing_files_say_who_makes_them(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"has no x; it is made by: uavcover fly"):
+    with pytest.raises(InputError, match=r"has no x; create it with: uavcover fly"):
         RunFolder(tmp_path).existing("x", made_by="uavcover fly")
     with pytest.raises(InputError, match="no such run folder"):
         RunFolder(tmp_path / "no").existing("x", made_by="uavcover fly")

@@ -19,7 +19,7 @@ from uavcover.run.scheduling import workers_of
      "tcp://:8786", "tcp://host:0", "tcp://host:65536", "tcp://host:x", "udp://host:8786", "tcp:host:8786", "LOCAL"],
 )  # fmt: skip
 def test_what_is_no_scheduler_is_refused(text) -> None:
-    with pytest.raises(InputError, match=r"--scheduler: .* is not understood; give local, local:N"):
+    with pytest.raises(InputError, match=r"--scheduler: .* is not understood; use local, local:N"):
         workers_of(text)
 
 
@@ -27,7 +27,9 @@ def test_without_dask_the_error_says_what_to_install(monkeypatch) -> None:
     monkeypatch.delitem(sys.modules, "uavcover.run.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "dask", None)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"--scheduler local:2: needs Dask: pip install 'uavcover\[cluster\]'") as told:
+    with pytest.raises(
+        InputError, match=r"--scheduler local:2: this needs Dask: pip install 'uavcover\[cluster\]'"
+    ) as told:
         workers_of("local:2")
     assert told.value.exit_code == 2
 
@@ -134,7 +136,9 @@ def test_nobody_at_the_address_is_one_error(monkeypatch) -> None:
         taken.bind(("127.0.0.1", 0))  # bound and not listening: refused
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         with (
-            pytest.raises(InputError, match=f"{address}: no Dask scheduler answers there; start one with") as told,
+            pytest.raises(
+                InputError, match=f"{address}: no Dask scheduler answers at this address; start one with"
+            ) as told,
             workers_of(address),
         ):
             pass

@@ -122,7 +122,7 @@ def test_every_row_is_in_the_file_at_once(tmp_path):
 
 def test_a_track_is_not_overwritten_by_mistake(tmp_path):
     write(tmp_path / "track.csv")
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="the file already"):
         TrackWriter(tmp_path / "track.csv")
     TrackWriter(tmp_path / "track.csv", overwrite=True).close()
     with pytest.raises(TrackError, match="no samples"):
@@ -136,7 +136,7 @@ def test_a_place_that_cannot_be_written_to_is_an_error(tmp_path):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_is_an_error_that_says_how_far_it_came():
-    with pytest.raises(OutputError, match="cannot be written after 0 samples: No space left"):
+    with pytest.raises(OutputError, match="the file cannot be written after 0 samples: No space left"):
         TrackWriter(Path("/dev/full"), overwrite=True)
 
 
@@ -221,7 +221,7 @@ def test_a_short_line_inside_the_file_is_an_error(tmp_path):
     lines = path.read_text().splitlines()
     lines[2] = lines[2].rsplit(",", 9)[0]
     path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(TrackError, match="line 3, yaw_deg: is missing; the line has 9 values"):
+    with pytest.raises(TrackError, match="line 3, yaw_deg: the value is missing; the line has 9 values"):
         read_track(path)
 
 

@@ -37,7 +37,7 @@ def test_vehicles_that_differ_are_listed_with_their_homes():
     own = f"[[vehicle]]\nhome = {{ {first} }}\n[[vehicle]]\nhome = {{ {second} }}\n"
     text = re.sub(r"\[home\]\n(?:\w+ = .*\n)+", "", GOOD).replace("[vehicle]\ncruise_speed_m_s = 10.0\n", own)
     assert parse(text).home == Home(lat_deg=36.476, lon_deg=-84.215)
-    with pytest.raises(ValueError, match=r"lists 2 that are not alike"):
+    with pytest.raises(ValueError, match=r"there are 2 different \[\[vehicle\]\] tables"):
         dataclasses.replace(scenario, fleet=Fleet(vehicles=3))
 
 
@@ -65,22 +65,25 @@ def test_launch_points_are_places_of_one_vehicle_that_flies_one_flight_at_a_time
         ("[[launch_point]]\nlat_deg = 'x'\nlon_deg = 3\n", "launch_point.0.lat_deg: must be a finite number"),
         ("[[launch_point]]\nlat_deg = 95.0\nlon_deg = 3\n", "launch_point.0.lat_deg: 95.0 is outside -90..90"),
         ("[[launch_point]]\nlat = 3.0\nlon_deg = 3.0\n", "launch_point.0.lat: unknown key (did you mean lat_deg?)"),
-        ("[[launch_point]]\nlat_deg = 36.4\n", "launch_point.0: give lat_deg and lon_deg"),
-        ("[[launch_point]]\neast_m = 1.0\nnorth_m = 2.0\n", "launch_point.0: give lat_deg and lon_deg"),
+        ("[[launch_point]]\nlat_deg = 36.4\n", "launch_point.0: specify lat_deg and lon_deg"),
+        ("[[launch_point]]\neast_m = 1.0\nnorth_m = 2.0\n", "launch_point.0: specify lat_deg and lon_deg"),
         ("[launch_point]\nlat_deg = 36.4\n", "launch_point: write [[launch_point]] with lat_deg and lon_deg once"),
         (
             2 * "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n",
-            "launch_point.1: repeats an earlier position",
+            "launch_point.1: this repeats an earlier position",
         ),
         (
             "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\nvehicles = 2\n",
-            "launch_point: is for one [vehicle]; several vehicles need their own homes",
+            "launch_point: launch points are for one [vehicle]; several vehicles need their own homes",
         ),
         (
             "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\none_at_a_time = false\n",
             "fleet.one_at_a_time: one vehicle with launch points flies one flight at a time",
         ),
-        ("[fleet]\none_at_a_time = true\n", "fleet.one_at_a_time: is for vehicles that differ, or one with launch"),
+        (
+            "[fleet]\none_at_a_time = true\n",
+            "fleet.one_at_a_time: this key is for vehicles that differ, or for one with launch",
+        ),
     ],
 )
 def test_mistakes_in_launch_points(tables, words):
@@ -89,7 +92,7 @@ def test_mistakes_in_launch_points(tables, words):
 
 def test_launch_points_need_a_home():
     text = re.sub(r"\[home\]\n(?:\w+ = .*\n)+", "", GOOD) + "\n[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n"
-    assert "launch_point: are positions besides [home], which is missing" in refused(text=text)
+    assert "launch_point: launch points are positions in addition to [home], which is missing" in refused(text=text)
 
 
 def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
@@ -121,11 +124,11 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             "[vehicle]\nsensor = 1\n",
-            "vehicle.sensor: one vehicle has its sensor in [sensor]; [[vehicle]] is for several",
+            "vehicle.sensor: a single vehicle needs its sensor in [sensor]; [[vehicle]] is for several",
         ),
         (
             "[[vehicle]]\n[[vehicle]]\nsensor = { fov_deg = 3.0 }\n",
-            "vehicle.1.sensor.kind: is missing; give 'sphere' or",
+            "vehicle.1.sensor.kind: the key is missing; use 'sphere' or",
         ),
         ("[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'lidar' }\n", "vehicle.1.sensor.kind: must be 'sphere' or"),
         (
@@ -141,10 +144,10 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
             "vehicle.1.sensor.range_m: 20.0 m does not reach the ground from limits.min_height_agl_m",
         ),
         ("[[vehicle]]\n[[vehicle]]\nlinks = 'udp:127.0.0.1:1'\n", "vehicle.1.links: unknown key"),
-        ("[[vehicle]]\nhome = { lat_deg = 36.4 }\n[[vehicle]]\n", "vehicle.0.home: give lat_deg and lon_deg"),
+        ("[[vehicle]]\nhome = { lat_deg = 36.4 }\n[[vehicle]]\n", "vehicle.0.home: specify lat_deg and lon_deg"),
         (
             "[[vehicle]]\n[[vehicle]]\nhome = { east_m = 1.0, north_m = 2.0 }\n",
-            "vehicle.1.home: give lat_deg and lon_deg",
+            "vehicle.1.home: specify lat_deg and lon_deg",
         ),
         (
             2 * "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
@@ -152,20 +155,20 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             "[vehicle]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "vehicle.home: one vehicle has its home in [home]",
+            "vehicle.home: a single vehicle needs its home in [home]",
         ),
         (
             "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "vehicle.0.home: one vehicle has its home in",
+            "vehicle.0.home: a single vehicle needs its home in",
         ),
         (
             "[vehicle]\narea = { file = 'a.kml' }\n",
-            "vehicle.area: one vehicle covers the whole [area]; [[vehicle]] is for",
+            "vehicle.area: a single vehicle covers the whole [area]; [[vehicle]] is for",
         ),
-        ("[[vehicle]]\narea = { file = 'a.kml' }\n", "vehicle.0.area: one vehicle covers the whole [area]"),
+        ("[[vehicle]]\narea = { file = 'a.kml' }\n", "vehicle.0.area: a single vehicle covers the whole [area]"),
         ("[[vehicle]]\narea = { file = 'a.kml' }\n[[vehicle]]\n", "vehicle.0.area.file: "),
         ("[[vehicle]]\narea = { geojson = 'a.json' }\n[[vehicle]]\n", "vehicle.0.area.geojson: "),
-        ("[[vehicle]]\narea = {}\n[[vehicle]]\n", "vehicle.0.area: give exactly one of polygon_lon_lat_deg"),
+        ("[[vehicle]]\narea = {}\n[[vehicle]]\n", "vehicle.0.area: specify exactly one of polygon_lon_lat_deg"),
         ("[[vehicle]]\narea = 3\n[[vehicle]]\n", "vehicle.0.area: must be a table, not 3"),
         (
             "[[vehicle]]\narea = { cell_size_m = 3.0 }\n[[vehicle]]\n",
@@ -173,7 +176,7 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             "[[vehicle]]\narea = { polygon_lon_lat_deg = [[1.0, 2.0], [1.0, 2.0], [3.0, 4.0]] }\n[[vehicle]]\n",
-            "vehicle.0.area.polygon_lon_lat_deg: a ring needs at least 3 different corners, this one has 2",
+            "vehicle.0.area.polygon_lon_lat_deg: a ring needs at least 3 different corners, but this one has 2",
         ),
         (
             "[[vehicle]]\narea = { polygon_lon_lat_deg = [[nan, 2.0], [1.0, 2.0], [3.0, 4.0]] }\n[[vehicle]]\n",
@@ -190,7 +193,7 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             "[[vehicle]]\n[[vehicle]]\n[fleet]\nvehicles = 3\n",
-            "fleet.vehicles: is 3, and there are 2 [[vehicle]] tables; give one of both",
+            "fleet.vehicles: the value is 3, but there are 2 [[vehicle]] tables; use only one of the two",
         ),
         ("[[vehicle]]\ncruise = 1.0\n[[vehicle]]\ncruise = 1.0\n", "vehicle.cruise: unknown key"),
         ("vehicle = 3\n", "vehicle: must be a table, not 3"),

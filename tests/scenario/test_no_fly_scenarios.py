@@ -95,22 +95,22 @@ CIRCLE = "[[no_fly]]\ncenter_east_north_m = [100, 100]\nradius_m = 20\n"
 @pytest.mark.parametrize(
     ("zone", "message"),
     [
-        ("[[no_fly]]\n", "no_fly.0: give exactly one of file, polygon_lon_lat_deg"),
-        (CIRCLE + "file = 'a.kml'\n", "no_fly.0: give exactly one of file"),
-        ("[[no_fly]]\ncenter_east_north_m = [100, 100]\n", "no_fly.0.radius_m: requires center_lon_lat_deg"),
+        ("[[no_fly]]\n", "no_fly.0: specify exactly one of file, polygon_lon_lat_deg"),
+        (CIRCLE + "file = 'a.kml'\n", "no_fly.0: specify exactly one of file"),
+        ("[[no_fly]]\ncenter_east_north_m = [100, 100]\n", "no_fly.0.radius_m: this key requires center_lon_lat_deg"),
         (CIRCLE.replace("20", "-20"), "no_fly.0.radius_m: -20.0 must be above 0"),
         (CIRCLE + "radus_m = 3\n", "no_fly.0.radus_m: unknown key (did you mean radius_m?)"),
         (CIRCLE + "floor_agl_m = 80\nceiling_agl_m = 50\n", "no_fly.0.ceiling_agl_m: 50.0 must be above floor_agl_m = 80.0"),
         (CIRCLE + "from_utc = '2026-06-01'\n", "no_fly.0.from_utc: '2026-06-01' is not a time such"),
         (CIRCLE + "from_utc = '2026-06-02T00:00Z'\nuntil_utc = '2026-06-01T00:00Z'\n", "until_utc: must be after"),
-        (CIRCLE + "ignore = ['a']\n", "no_fly.0.ignore: requires file"),
+        (CIRCLE + "ignore = ['a']\n", "no_fly.0.ignore: this key requires file"),
         (CIRCLE + "margin_m = -1\n", "no_fly.0.margin_m: -1.0 must not be negative"),
         ("[[no_fly]]\nname = 'bow'\npolygon_east_north_m = [[0, 0], [9, 9], [9, 0], [0, 9]]\n", "(bow): Self-intersection"),
         ("[[no_fly]]\npolygon_east_north_m = [[0, 0], [9, 9]]\n", "no_fly.0: a ring needs at least 3 different corners"),
         ("[[no_fly]]\npolygon_east_north_m = [[0, 0], [9, 9], [5, 5]]\n", "no_fly.0"),
         ("[[no_fly]]\npolygon_lon_lat_deg = [[8, 46], [8.1, 46], [8, 46.1]]\n", "longitudes and latitudes need an [origin]"),
         ("[[no_fly]]\npolygon_lon_lat_deg = [[8, 96], [8.1, 46], [8, 46.1]]\n", "is not a longitude and a latitude"),
-        ("[[no_fly]]\nfile = 'zones.geojson'\n", "no_fly: zones of a file need a position on Earth"),
+        ("[[no_fly]]\nfile = 'zones.geojson'\n", "no_fly: zones from a file need a position on Earth"),
     ],
 )  # fmt: skip
 def test_bad_zones_are_one_line(tmp_path, zone, message):
@@ -179,14 +179,14 @@ def test_a_fence_of_several_polygons_is_their_union(tmp_path):
 @pytest.mark.parametrize(
     ("fence", "message"),
     [
-        ("fence_polygons_east_north_m = []", "limits.fence_polygons_east_north_m: is empty"),
+        ("fence_polygons_east_north_m = []", r"limits\.fence_polygons_east_north_m: the list is empty"),
         (
             "fence_polygons_east_north_m = [[[0, 0], [9, 9], [9, 0], [0, 9]]]",
             "limits.fence_polygons_east_north_m.0: Self-inter",
         ),
         (
             f"fence_polygons_east_north_m = {L_OF_TWO}\nfence_east_north_m = [[0, 0], [9, 0], [0, 9]]",
-            "give the fence once",
+            "specify the fence once",
         ),
     ],
 )
@@ -200,7 +200,7 @@ def test_bad_fences_are_one_line(tmp_path, fence, message):
 )
 def test_a_fence_in_pieces_is_refused(tmp_path, second):
     fence = f"fence_polygons_east_north_m = [[[-100, -100], [250, -100], [250, 250], [-100, 250]], {second}]"
-    with pytest.raises(ScenarioError, match="the polygons lie apart in 2 pieces"):
+    with pytest.raises(ScenarioError, match="the polygons form 2 separate parts, and no vehicle can fly between them"):
         build_site(parse(FLAT + fence, tmp_path))
 
 

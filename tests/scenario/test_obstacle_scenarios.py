@@ -124,7 +124,7 @@ def test_polygons_of_geojson_with_a_courtyard(tmp_path):
             '{"type": "Feature", "properties": {"height_m": "9"}, "geometry": {"type": "Polygon", "coordinates": []}}',
             "polygon 0: height_m: '9' is not a number",
         ),
-        ("a.txt", "", "none of .geojson, .kml, .kmz, .csv"),
+        ("a.txt", "", "is not a .geojson, .kml, .kmz or .csv"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, words):
@@ -178,7 +178,7 @@ def test_a_footprint_that_crosses_itself_is_refused(tmp_path):
 def test_home_keeps_clear_of_obstacles():
     near = Obstacle(height_m=5.0, rings_east_north_m=(tuple((465.0 + e, -462.0 + n) for e, n in BOX),), name="shed")
     with pytest.raises(
-        ScenarioError, match=r"home: 8\.0 m from obstacle 'shed', obstacles\.clearance_beside_m is 10 m"
+        ScenarioError, match=r"home: 8\.0 m from obstacle 'shed', but obstacles\.clearance_beside_m is 10 m"
     ):
         load_site(ridge(prisms=(near,)))
 

@@ -149,27 +149,27 @@ MISTAKES = {
         '"nadir"',
         "sensor.kind: must be 'sphere' or 'disc' or 'nadir-camera' or 'frame-camera', not 'nadir'",
     ),
-    "no kind": ('kind = "raster"', "", "terrain.kind: is missing; give 'raster' or 'sine-cosine'"),
+    "no kind": ('kind = "raster"', "", "terrain.kind: the key is missing; use 'raster' or 'sine-cosine'"),
     "kind of a number": ('kind = "raster"', "kind = 3", "terrain.kind: must be 'raster' or 'sine-cosine', not 3"),
-    "missing": ("fov_deg = 70.0", "", "sensor.fov_deg: is missing"),
+    "missing": ("fov_deg = 70.0", "", "sensor.fov_deg: the key is missing"),
     "unknown at the top": ('select = "knee"', 'selct = "knee"', "selct: unknown key (did you mean select?)"),
     "in the wrong section": ("seed = 7", "fov_deg = 7", "planner.fov_deg: unknown key (it belongs in [sensor])"),
     "of the wrong kind": ("fov_deg = 70.0", "fov_deg = 7\nradius_m = 3", "sensor.radius_m: unknown key (of another kind"),
     "after a section": ("seed = 7", 'select = "knee"', "planner.select: unknown key (it belongs above the first"),
     "unlike anything": ("seed = 7", "zzz = 1", "planner.zzz: unknown key (known: algorithm, line_heading_deg, encoding"),
-    "rule of a section": ("= 120.0", "= 20.0", "limits.max_height_agl_m: the band 40.0..20.0 m leaves nothing"),
+    "rule of a section": ("= 120.0", "= 20.0", "limits.max_height_agl_m: the band 40.0..20.0 m is too narrow for"),
     "rule of a kind": ("fov_deg = 70.0", "fov_deg = 190.0", "sensor.fov_deg: 190.0 is outside 0..180 degrees"),
     "rule across": ("range_m = 200.0", "range_m = 30.0", "sensor.range_m: 30.0 m does not reach the ground from limits."),
     "cells": ("cell_size_m = 5", "cell_size_m = 500", "area.cell_size_m: cells of 500.0 m are larger than"),
     "negative": ("min_height_agl_m = 40.0", "min_height_agl_m = -1", "limits.min_height_agl_m: -1.0 must not be negative"),
     "no speed": ("cruise_speed_m_s = 10.0", "cruise_speed_m_s = 0", "vehicle.cruise_speed_m_s: 0.0 must be above 0"),
-    "half a home": ("lat_deg = 36.471\n", "", "home: give lat_deg and lon_deg, or east_m and north_m"),
-    "two areas": ("cell_size_m = 5", 'cell_size_m = 5\ngeojson = "a"', "area: give exactly one of"),
+    "half a home": ("lat_deg = 36.471\n", "", "home: specify lat_deg and lon_deg, or east_m and north_m"),
+    "two areas": ("cell_size_m = 5", 'cell_size_m = 5\ngeojson = "a"', "area: specify exactly one of"),
     "out of range": ("[[-84.22, 36.47],", "[[36.47, -94.22],", "area.polygon_lon_lat_deg: (36.47, -94.22) is not a long"),
     "hole out of range": ("[[[-84.218, 36.472]", "[[[-84.218, 99.0]", "area.holes_lon_lat_deg: (-84.218, 99.0) is not"),
     "hole outside": ("[-84.216, 36.474]]]", "[-84.216, 36.5]]]", "area.holes_lon_lat_deg.0: the hole reaches outside"),
     "three numbers": ("[[-84.22, 36.47],", "[[-84.22, 36.47, 9.0],", "area.polygon_lon_lat_deg.0: a corner is a pair"),
-    "one number": ("[[-84.22, 36.47],", "[[-84.22],", "area.polygon_lon_lat_deg.0.1: is missing; a corner is a pair"),
+    "one number": ("[[-84.22, 36.47],", "[[-84.22],", "area.polygon_lon_lat_deg.0.1: a number is missing; a corner is a pair"),
     "no list": ("holes_lon_lat_deg = [", "holes_lon_lat_deg = 5 #", "area.holes_lon_lat_deg: must be a list, not 5"),
     "line": ("[-84.21, 36.48], [-84.22, 36.48]]", "[-84.22, 36.47]]", "area.polygon_lon_lat_deg: a ring needs at least 3"),
     "fence": ("= 120.0", "= 120.0\nfence_lon_lat_deg = [[1.0, 2.0]]", "limits.fence_lon_lat_deg: a ring needs at least 3"),
@@ -177,7 +177,7 @@ MISTAKES = {
         "= 120.0", "= 120.0\nfence_east_north_m = [[0, 0], [1, 1], [1, 0], [0, 1]]", "limits.fence_east_north_m: Self-inter",
     ),
     "fence swapped": ("= 120.0", "= 120.0\nfence_lon_lat_deg = [[1, 92], [1, 2], [2, 2]]", "limits.fence_lon_lat_deg: (1.0"),
-    "syntax": ("[home]", "[home", "not valid TOML: "),
+    "syntax": ("[home]", "[home", "the file is not valid TOML: "),
     "no table": ('name = "test"', 'name = "test"\norigin = 3', "origin: must be a table, not 3"),
 }  # fmt: skip
 
@@ -201,7 +201,7 @@ def test_sections_that_are_no_tables():
 def test_an_empty_file_names_every_section_it_needs():
     message = refused(text="")
     for key in ("name", "area", "terrain", "sensor", "limits"):
-        assert f"{key}: is missing" in message
+        assert f"{key}: the key is missing" in message
 
 
 def test_holes_that_leave_nothing():
@@ -228,7 +228,7 @@ def test_scenario_files(tmp_path, monkeypatch):
     ("cls", "values", "words"),
     [
         (Home, {"lat_deg": 91.0, "lon_deg": 0.0}, "lat_deg: 91.0"),
-        (Home, {"lat_deg": 1.0, "lon_deg": 0.0, "east_m": 1.0}, "give lat_deg and lon_deg"),
+        (Home, {"lat_deg": 1.0, "lon_deg": 0.0, "east_m": 1.0}, "specify lat_deg and lon_deg"),
         (Origin, {"lat_deg": 0.0, "lon_deg": -190.0, "alt_amsl_m": 0.0}, "lon_deg: -190.0"),
         (RasterTerrain, {"kind": "raster", "file": "x", "vertical_datum": "EGM96", "grid_step_m": 0.0}, "grid_step_m"),
         (PlannerSettings, {"population_size": 5}, "population_size: 5 is below 20"),
@@ -236,7 +236,11 @@ def test_scenario_files(tmp_path, monkeypatch):
         (PlannerSettings, {"max_waypoints": 1}, "max_waypoints"),
         (PlannerSettings, {"seed": -1}, "seed"),
         (PlannerSettings, {"cell_size_m": math.nan}, "cell_size_m"),
-        (Requirements, {"min_coverage_of_coverable": 95.0}, "a share, 0..1"),
+        (
+            Requirements,
+            {"min_coverage_of_coverable": 95.0},
+            r"min_coverage_of_coverable: 95\.0 must be between 0 and 1",
+        ),
         (Requirements, {"max_deviation_m": 0.0}, "max_deviation_m"),
         (Vehicle, {"cruise_speed_m_s": 300.0}, "too fast for a multirotor"),
         (Vehicle, {"endurance_s": -1.0}, "endurance_s"),
@@ -268,10 +272,10 @@ def test_rules_across_the_sections():
     good = parse(GOOD)
     square_area = Area(cell_size_m=1.0, polygon_east_north_m=square)
     for changes, words in (
-        ({"home": None}, "home: give lat_deg and lon_deg"),
-        ({"home": Home(east_m=1.0, north_m=2.0)}, "home: give lat_deg and lon_deg"),
+        ({"home": None}, "home: specify lat_deg and lon_deg"),
+        ({"home": Home(east_m=1.0, north_m=2.0)}, "home: specify lat_deg and lon_deg"),
         ({"terrain": SineCosineTerrain(kind="sine-cosine")}, "terrain.kind: a geographic area needs raster terrain"),
-        ({"area": square_area}, "origin: raster terrain under an area in metres"),
+        ({"area": square_area}, "origin: raster terrain with an area in metres"),
         ({"area": square_area, "terrain": SineCosineTerrain(kind="sine-cosine")}, "home: lat_deg and lon_deg need an"),
     ):
         with pytest.raises(ValueError, match=words):

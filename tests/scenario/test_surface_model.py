@@ -149,13 +149,13 @@ def test_the_scenario_comes_back_from_its_text_with_absolute_files(models):
 
 BAD = {
     "no such file": ('surface_file = "no.tif"', {}, r"no\.tif: no such file \(terrain\.surface_file is relative"),
-    "a key without its file": ('surface_band = 2', {}, r"terrain\.surface_band: describes a surface model"),
+    "a key without its file": ('surface_band = 2', {}, r"terrain\.surface_band: this key describes a surface model"),
     "the same file": ('surface_file = "dtm.tif"', {}, r"is the same file as terrain\.file"),
     "hides nothing": (SURFACE + "\nsurface_hides_m = 0.0", {}, r"terrain\.surface_hides_m: .* must be above 0"),
-    "no tile": ('surface_file = "none/*.tif"', {}, r"terrain\.surface_file: none/\*\.tif has no tile"),
+    "no tile": ('surface_file = "none/*.tif"', {}, r"terrain\.surface_file: none/\*\.tif contains no tile"),
     "in feet": (SURFACE, {"factor": 1.0 / 0.3048}, r"3\.28 times as high: the surface seems to be in feet.*surface_height_unit"),
-    "another datum": (SURFACE, {"shift_m": 47.3}, r"47\.\d m above the ground.*nowhere near it.*surface_vertical_datum"),
-    "another datum below": (SURFACE, {"shift_m": -31.0}, r"lies \d+\.\d m under the ground.*nowhere near it"),
+    "another datum": (SURFACE, {"shift_m": 47.3}, r"47\.3 m above the ground of terrain\.file \(47\.2 to 69\.3 m at 98 % of"),
+    "another datum below": (SURFACE, {"shift_m": -31.0}, r"lies 31\.0 m under the ground of terrain\.file \(-31\.1 to -9\.0"),
     "home under an offset": (SURFACE, {"shift_m": 6.0}, r"home: the surface is 6\.\d m above the ground there.*vertical datum"),
 }  # fmt: skip
 
@@ -187,9 +187,14 @@ def test_swapped_files_are_noticed(tmp_path, wood, caplog):
         assert stands_m(*(0.5 * (HOUSE[k] + HOUSE[k + 1]) for k in (0, 2))) > 0.0
         # A single house may as well be newer than the other model: flights keep above both.
         assert site_of(tmp_path).ground_model is not None
-        assert "more rarely above it: check that the two are not swapped" in caplog.text
+        assert (
+            "dsm.tif (data from 46.9515, 8.3166 to 46.9569, 8.3245) lies under the ground of terrain.file"
+            in caplog.text
+        )
         return
-    with pytest.raises(TerrainError, match=r"lies under the ground.*are the two swapped"):
+    with pytest.raises(
+        TerrainError, match=r"lies under the ground of terrain\.file at 12 % of nodes, by up to 22\.1 m"
+    ):
         site_of(tmp_path)
 
 
@@ -200,7 +205,7 @@ def test_a_surface_that_ends_in_the_area_is_refused(tmp_path):
         heights[:, 215:] = np.nan
         surface.write(heights, 1)
     site = site_of(tmp_path)
-    with pytest.raises(TerrainError, match=r"area: no elevation in \d+\.\d % of its cells.*dsm\.tif"):
+    with pytest.raises(TerrainError, match=r"area: there is no elevation in \d+\.\d % of its cells.*dsm\.tif"):
         judging_map(site)
 
 

@@ -136,7 +136,9 @@ def test_small_areas_and_those_with_too_many_cells_are_looked_at_in_one_piece(mo
     monkeypatch.setattr(block_map, "MAX_CELLS", 200)
     monkeypatch.setattr("uavcover.sensing.cells.MAX_CELLS", 200)
     site = in_blocks(hard_site())
-    with pytest.raises(ScenarioError, match="more than 200; use larger cells"):
+    with pytest.raises(
+        ScenarioError, match="7 m divides 300 x 200 m into 1,247 cells; the limit is 200; use larger cells"
+    ):
         judging_map(site)
 
 

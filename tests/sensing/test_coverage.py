@@ -155,14 +155,14 @@ def test_sensing_along_the_path_looks_between_the_waypoints_too():
 
 def test_areas_that_cannot_be_cut_or_have_no_ground():
     site = grid_site(np.zeros((17, 17)))
-    with pytest.raises(ScenarioError, match=r"^area.cell_size_m: 0.001 m cuts 40 x 40 m into 1,600,000,000 cells"):
+    with pytest.raises(ScenarioError, match=r"^area\.cell_size_m: 0\.001 m divides 40 x 40 m into 1,600,000,000 cells"):
         make_cells(site, 0.001)
     with pytest.raises(ScenarioError, match=r"^area.cell_size_m: no centre of a cell of 90 m lies in the area"):
         make_cells(site, 90.0)
     nodes = np.zeros((17, 17))
     nodes[8, 8] = np.nan
     with pytest.raises(
-        TerrainError, match=r"^area: no elevation in 6.2 % of its cells, first at 1\d m east, 1\d m north"
+        TerrainError, match=r"^area: there is no elevation in 6.2 % of its cells, first at 1\d m east, 1\d m north"
     ):
         make_cells(grid_site(nodes), 2.0)
     with pytest.raises(TerrainError, match="reaches outside the data"):

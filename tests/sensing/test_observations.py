@@ -107,8 +107,11 @@ def test_waypoints_that_may_have_been_anywhere_may_all_be_looks_of_their_own():
     ("changes", "message"),
     [
         ({"looks": 0}, "requirements.looks: 0 is outside 1..20"),
-        ({"looks": 2}, "requirements.look_distance_m: is needed with more than one look"),
-        ({"look_distance_m": 5.0}, "requirements.look_distance_m: must be above 0, and requires more than one look"),
+        ({"looks": 2}, "requirements.look_distance_m: this key is required with more than one look"),
+        (
+            {"look_distance_m": 5.0},
+            "requirements.look_distance_m: the value must be above 0, and the key requires more than one look",
+        ),
     ],
 )
 def test_values_that_make_no_sense(changes, message, tmp_path):
@@ -122,5 +125,5 @@ def test_values_that_make_no_sense(changes, message, tmp_path):
 
 
 def test_several_looks_go_with_waypoints():
-    with pytest.raises(ValueError, match=r"^requirements.looks: more than one requires sensor.sensing = "):
+    with pytest.raises(ValueError, match=r"^requirements.looks: more than one look requires sensor.sensing = "):
         coverage_of(dataclasses.replace(DISC, sensing="along-path"))

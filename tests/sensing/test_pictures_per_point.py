@@ -242,5 +242,7 @@ def test_an_overlap_is_required_of_a_camera_that_asks_for_one():
         NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0),
         dataclasses.replace(CAMERA, forward_overlap=None, side_overlap=0.0),
     ):
-        with pytest.raises(ValueError, match=r"min_overlap_fraction: requires a frame camera's forward_overlap"):
+        with pytest.raises(
+            ValueError, match="min_overlap_fraction: this key requires a frame camera's forward_overlap"
+        ):
             with_scenario(site, sensor=sensor, requirements=asked)

@@ -92,14 +92,14 @@ def test_a_packed_tile_of_open_sea_is_no_bomb(tmp_path):
 def test_zip_files_that_are_none_or_hold_something_else(tmp_path, monkeypatch):
     monkeypatch.setattr(packed_raster, "FILES", replace(FILES, harmless_zip_bytes=1_000_000))
     for entries, words in (
-        ([("a.txt", b"x")], "holds 0 elevation files"),
-        ([("a.hgt", b"x"), ("b.hgt", b"x")], "holds 2 elevation files"),
-        ([("a.hgt", bytes(10_000_000))], "times its packed size; unpack it if you trust it"),
+        ([("a.txt", b"x")], "the archive contains 0 elevation files"),
+        ([("a.hgt", b"x"), ("b.hgt", b"x")], "the archive contains 2 elevation files"),
+        ([("a.hgt", bytes(10_000_000))], "times its packed size; unpack it yourself if you trust it"),
     ):
         with pytest.raises(TerrainError, match=words):
             gdal_name(in_zip(tmp_path / "a.zip", *entries))
     (tmp_path / "bad.zip").write_bytes(b"no zip")
-    with pytest.raises(TerrainError, match="cannot be opened as a zip file"):
+    with pytest.raises(TerrainError, match="the file cannot be opened as a zip file"):
         gdal_name(tmp_path / "bad.zip")
 
 
@@ -108,10 +108,10 @@ def test_gzip_files_that_are_none_damaged_or_too_long(tmp_path, monkeypatch):
     flipped = bytearray(whole)
     flipped[len(whole) // 2] ^= 0xFF
     for data, words in (
-        (b"no gzip", r"cannot be unpacked \(Not a gzipped file .*\); fetch it again"),
-        (whole[: len(whole) // 2], r"cannot be unpacked \(Compressed file ended .*\); fetch it again"),
-        (bytes(flipped), r"cannot be unpacked \(.*\); fetch it again"),
-        (gzip.compress(b""), "nothing is packed in it; fetch it again"),
+        (b"no gzip", r"cannot be unpacked \(Not a gzipped file \(b'no'\)\); download it again"),
+        (whole[: len(whole) // 2], r"cannot be unpacked \(Compressed file ended .*\); download it again"),
+        (bytes(flipped), r"cannot be unpacked \(.*\); download it again"),
+        (gzip.compress(b""), "the archive is empty; download it again"),
     ):
         path = tmp_path / f"N46E00{len(data) % 10}.hgt.gz"
         path.write_bytes(data)
@@ -124,7 +124,8 @@ def test_gzip_files_that_are_none_damaged_or_too_long(tmp_path, monkeypatch):
     bomb = gzip.compress(bytes(5_000_000))
     (tmp_path / "bomb.hgt.gz").write_bytes(bomb[:-4] + (100).to_bytes(4, "little"))
     with pytest.raises(
-        TerrainError, match=r"unpacks to more than 2,000,000 bytes; unpack it \(gunzip\) if you trust it"
+        TerrainError,
+        match=r"the archive unpacks to more than 2,000,000 bytes; unpack it yourself \(gunzip\) if you trust it",
     ):
         gdal_name(tmp_path / "bomb.hgt.gz")
 

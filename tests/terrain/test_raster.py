@@ -211,20 +211,20 @@ def one_line(caught, path, *words):
 
 
 WRONG = {
-    "no crs": ({"crs": None}, ["does not name its coordinate system; give it with terrain\\.crs"]),
+    "no crs": ({"crs": None}, ["does not state its coordinate system; specify it with terrain\\.crs"]),
     "degrees instead of metres": ({"crs": "EPSG:32632"}, ["pixels of 0.001 x 0.001", "degrees instead of metres; assign"]),
     "metres instead of degrees": (
         {"transform": from_origin(_X, _Y, 30, 30)}, ["reaches latitude 5.2", "metres instead of degrees; assign"],
     ),
     "another sea level": (
-        {"crs": "EPSG:4326+5703"}, ["terrain.vertical_datum: the scenario says EGM96, the file says NAVD88", "correct"],
+        {"crs": "EPSG:4326+5703"}, ["terrain.vertical_datum: the scenario says EGM96, but the file says NAVD88", "correct"],
     ),
     "ellipsoid": ({"crs": "EPSG:4979"}, ["terrain.vertical_datum: the scenario says EGM96", "ellipsoid", "convert"]),
     "fathoms": ({"unit": "fathom"}, ["heights are in 'fathom'; convert them to metres"]),
     "undeclared no-data": ({"values": -32768}, ["height of -32768 m in row 15, column 20", "no-data value"]),
     "no mountain": ({"values": 12000}, ["height of 12000 m in row 15, column 20"]),
     "local system": (
-        {"crs": CRS.from_wkt('LOCAL_CS["site grid",UNIT["metre",1]]')}, ["cannot be brought", "assign or convert"],
+        {"crs": CRS.from_wkt('LOCAL_CS["site grid",UNIT["metre",1]]')}, ["cannot be converted", "assign a known one or convert"],
     ),
 }  # fmt: skip
 
@@ -267,7 +267,7 @@ def test_the_sea_level_of_the_scenario_is_that_of_the_file(tmp_path):
     read(path, "EGM2008")
     with pytest.raises(TerrainError) as caught:
         read(path, "EGM96")
-    one_line(caught, path, "says EGM96, the file says EGM2008")
+    one_line(caught, path, "says EGM96, but the file says EGM2008")
 
 
 def test_an_unheard_of_datum(tmp_path):
@@ -376,7 +376,7 @@ def test_a_grid_that_does_not_reach_the_data(tmp_path):
 @pytest.mark.usefixtures("geoid_grid")
 def test_a_sea_level_that_the_file_names_is_no_ellipsoid(tmp_path):
     path = write(tmp_path / "dem.tif", bumps(), crs="EPSG:4326+5773")
-    with pytest.raises(TerrainError, match="the scenario says WGS84-ellipsoid, the file says EGM96"):
+    with pytest.raises(TerrainError, match="the scenario says WGS84-ellipsoid, but the file says EGM96"):
         read(path, "WGS84-ellipsoid")
 
 
@@ -394,9 +394,9 @@ def test_missing_empty_and_broken_files(tmp_path):
         (missing, "no such file .terrain.file is relative"),
         (tmp_path, "no such file"),
         (empty, "the file is empty"),
-        (broken, "cannot be read as elevation data"),
-        (cut, "cannot be read as elevation data"),
-        (lacking, "cannot be read as elevation data .*gone.tif: No such file or directory"),
+        (broken, "the file cannot be read as elevation data"),
+        (cut, "the file cannot be read as elevation data"),
+        (lacking, "the file cannot be read as elevation data .*gone.tif: No such file or directory"),
     ):
         with pytest.raises(TerrainError) as caught:
             read(path)

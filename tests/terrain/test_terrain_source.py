@@ -96,7 +96,9 @@ def test_far_tiles_are_left_out_and_do_not_matter(whole, tmp_path):
     near = find_tiles(["tiles"], folder=tmp_path, around=AROUND)
     assert far.resolve() not in near
     assert len(near) == 4
-    with pytest.raises(TerrainError, match=r"none of 5 tiles is near the area .*; give the tiles of that location"):
+    with pytest.raises(
+        TerrainError, match=r"none of 5 tiles is near the area \(latitude 10\.000 to 10\.100, longitude"
+    ):
         find_tiles(["tiles"], folder=tmp_path, around=(100.0, 10.0, 100.1, 10.1))
 
 
@@ -146,7 +148,7 @@ def test_heights_in_a_system_of_feet_are_asked_about(tmp_path):
     )
     place = {"lat_deg": 36.48, "lon_deg": -84.22}
     with pytest.raises(
-        TerrainError, match=r"is in feet, and it does not state .*; set terrain\.height_unit \(--height-unit\)"
+        TerrainError, match=r"is in feet, but the file does not state the unit of its heights; set terrain\.height_unit"
     ):
         read_height_amsl_m(path, "EGM96", **place)
     metres, feet = (
@@ -156,7 +158,7 @@ def test_heights_in_a_system_of_feet_are_asked_about(tmp_path):
     with rasterio.open(path, "r+") as file:
         file.units = ("m",)
     assert read_height_amsl_m(path, "EGM96", **place) == pytest.approx(metres)
-    with pytest.raises(TerrainError, match=r"says that its heights are in m; remove terrain\.height_unit"):
+    with pytest.raises(TerrainError, match=r"the file states that its heights are in m; remove terrain\.height_unit"):
         read_height_amsl_m(TerrainSource((path,), height_unit="ft"), "EGM96", **place)
 
 
@@ -252,10 +254,10 @@ def other_unit(folder):
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (other_crs, "has another coordinate system than"),
-        (other_grid, "its pixels lie on another grid than"),
-        (other_unit, "has another unit than"),
-        (lambda folder: (folder / "tile-0-0.tif").write_bytes(b"no raster"), "cannot be read as elevation data"),
+        (other_crs, "the coordinate system differs from"),
+        (other_grid, "the pixel grid differs from that of"),
+        (other_unit, "the unit differs from"),
+        (lambda folder: (folder / "tile-0-0.tif").write_bytes(b"no raster"), "the file cannot be read as elevation data"),
         (lambda folder: (folder / "tile-0-0.tif").write_bytes(b""), "the file is empty"),
     ],
 )  # fmt: skip
@@ -270,12 +272,12 @@ def test_tiles_that_do_not_belong_together(whole, tmp_path, spoil, words):
 def test_bad_folders_and_patterns(tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     for name in ("empty", "none/*.tif"):
-        with pytest.raises(TerrainError, match=r"has no tile .*; give files, a folder or a pattern that has"):
+        with pytest.raises(TerrainError, match=r"contains no tile \(\.tif, .*\); use files, a folder or a pattern"):
             find_tiles([name], folder=tmp_path, around=None)
     monkeypatch.setattr(terrain_source, "FILES", replace(FILES, max_tiles=1))
     for name in ("a.tif", "b.tif"):
         (tmp_path / "empty" / name).write_bytes(b"x")
-    with pytest.raises(TerrainError, match="2 tiles, more than 1"):
+    with pytest.raises(TerrainError, match="2 tiles exceed the limit of 1; use only"):
         find_tiles(["empty"], folder=tmp_path, around=None)
 
 
@@ -292,12 +294,14 @@ def test_a_coordinate_system_that_the_file_does_not_name(whole, tmp_path, tiles)
         files = tuple(sorted(cut(whole, tmp_path / "tiles", parts=2, crs=None).iterdir()))
     assert same_ground(ground_of(TerrainSource(files, crs="EPSG:32632")), ground_of(whole))
     with pytest.raises(
-        TerrainError, match=r"does not name its coordinate system; give it with terrain\.crs \(--dem-crs\)"
+        TerrainError, match=r"does not state its coordinate system; specify it with terrain\.crs \(--dem-crs\)"
     ):
         ground_of(TerrainSource(files))
     with pytest.raises(TerrainError, match=r"terrain\.crs: 'EPSG:1' is not a coordinate system; .*--dem-crs"):
         ground_of(TerrainSource(files, crs="EPSG:1"))
-    with pytest.raises(TerrainError, match=r"names its coordinate system itself \(EPSG:32632\); remove terrain\.crs"):
+    with pytest.raises(
+        TerrainError, match=r"the file already states its coordinate system \(EPSG:32632\); remove terrain\.crs"
+    ):
         ground_of(TerrainSource((whole,), crs="EPSG:32632"))
 
 

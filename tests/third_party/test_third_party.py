@@ -157,7 +157,7 @@ def test_a_broken_exporter_is_named_and_breaks_nothing_else(run_with, planned, t
 
 def test_own_names_cannot_be_taken(run_with, planned, tmp_path):
     ended = run_with("export", planned / "run", "--format", "wpml", "-o", tmp_path / "x.kmz", "--json")
-    assert "needs the aircraft" in ended.stderr
+    assert "this requires the aircraft" in ended.stderr
 
 
 def test_a_log_is_read(run_with, planned, tmp_path):

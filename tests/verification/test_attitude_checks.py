@@ -125,7 +125,7 @@ def test_one_that_stands_still_while_the_course_turns_by_more_than_60_degrees(sa
         assert np.isfinite(np.delete(attitude, held, axis=0)).all()
         (problem,) = problems
         assert problem.startswith(
-            "the attitude stays exactly the same from 10.0 s to 25.4 s, while the course turns by 69"
+            "the attitude is exactly constant from 10.0 s to 25.4 s, while the course turns by 69"
         )
 
 
@@ -142,9 +142,7 @@ def test_in_radians() -> None:
     radians = np.radians(measured())
     attitude, problems = known(radians)
     assert np.isnan(attitude).all()
-    assert problems == [
-        "the attitude is in radians where degrees belong: its yaw times 57.3 is the course that was flown"
-    ]
+    assert problems == ["the attitude is in radians instead of degrees: its yaw times 57.3 is the flown course"]
     # In radians -pi to pi as well.
     signed = radians.copy()
     signed[:, 2] = (signed[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
@@ -175,7 +173,7 @@ def test_exact_zeros_are_no_measurement() -> None:
     level[:, :2] = 0.0
     level[300, 2] = 0.0
     attitude, problems = known(level)
-    assert problems == ["roll and pitch are exactly zero throughout: nothing measured them"]
+    assert problems == ["roll and pitch are exactly zero throughout: they were not measured"]
     assert np.isnan(attitude[:, :2]).all()
     np.testing.assert_array_equal(attitude[:, 2], level[:, 2])
     # Nor was the yaw then, where it is zero as well.
@@ -203,7 +201,7 @@ def test_one_that_never_leans_though_the_vehicle_accelerates() -> None:
             (problem,) = problems
             most = float(np.abs(told[:, :2]).max())
             assert problem == (
-                f"roll and pitch are never above {most:.1f} degrees, though the vehicle accelerates with 5.1 m/s2"
+                f"roll and pitch never exceed {most:.1f} degrees, although the vehicle accelerates by 5.1 m/s2"
             )
     # Without brisk turns nothing asks for a lean.
     assert known(measured(0.5))[1] == []

@@ -61,9 +61,9 @@ def test_the_stated_uncertainty_is_widened_and_never_narrowed(flight: Flight) ->
     biases = elevation_biases(flight.site, [with_ranges(flight, bias_m=-4.0, noise_m=0.5)])
     site, words = widened(flight.site, biases)
     assert site.scenario.uncertainty.vertical_m == pytest.approx(5.0, abs=0.3)
-    assert "the rangefinder has the ground 4." in words[0]
+    assert "according to the rangefinder, the ground is 4." in words[0]
     assert "m below the elevation data (median of" in words[0]
-    assert "heights count with an uncertainty of" in words[1]
+    assert "the height uncertainty is" in words[1]
     generous = dataclasses.replace(flight.site.scenario, uncertainty=Uncertainty(height_m=3.0, terrain_m=6.0))
     stated = dataclasses.replace(flight.site, scenario=generous)
     same, words = widened(stated, biases)
@@ -75,7 +75,9 @@ def test_another_model_of_the_ground_is_compared_and_widens_nothing(flight: Flig
     biases = elevation_biases(flight.site, [with_ranges(flight, bias_m=12.0, key="stored")])
     same, (words,) = widened(flight.site, biases)
     assert same is flight.site
-    assert words.startswith("the terrain data of the vehicle has the ground 12.0 m above the elevation data")
+    assert words.startswith(
+        "according to the terrain data of the vehicle, the ground is 12.0 m above the elevation data"
+    )
 
 
 def test_a_flight_over_ground_that_is_right_passes_and_says_so(flight: Flight) -> None:
@@ -84,7 +86,7 @@ def test_a_flight_over_ground_that_is_right_passes_and_says_so(flight: Flight) -
     track = with_ranges(flight, bias_m=0.0)
     report = judge_tracks(flight.site, [(track, flight.planned)]).report
     assert report.verdict == "passed"
-    assert any("the rangefinder has the ground 0.0 m" in finding for finding in report.findings)
+    assert any("according to the rangefinder, the ground is 0.0 m" in finding for finding in report.findings)
     assert report.coverage_fraction == plain.coverage_fraction
 
 
@@ -95,9 +97,7 @@ def test_ground_far_higher_than_the_elevation_data_proves_no_height(flight: Flig
         report = judge_tracks(flight.site, [(track, flight.planned)]).report
         assert report.verdict == "not proved"
         assert not report.passed
-        assert any(
-            f"heights count with an uncertainty of {abs(bias_m):.1f} m" in finding for finding in report.findings
-        )
+        assert any(f"the height uncertainty is {abs(bias_m):.1f} m" in finding for finding in report.findings)
         (doubt,) = [doubt for doubt in report.doubts if "if the rangefinder is right" in doubt]
         assert limit in doubt
     stored = with_ranges(flight, bias_m=60.0, key="stored")

@@ -73,5 +73,5 @@ def test_corners_outside_of_the_elevation_data_have_a_place() -> None:
 
 def test_without_a_place_on_earth_there_is_no_map() -> None:
     verdict = verdict_on(make_site(flat, on_earth=False, home=None), LINE)
-    with pytest.raises(InputError, match="scenario test: has no position on Earth"):
+    with pytest.raises(InputError, match="scenario test has no position on Earth"):
         gaps_geojson(verdict.coverage, list(verdict.gaps))

@@ -92,10 +92,10 @@ FALSE: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "pitched up by 30 degrees": (turned(pitch=30.0), "against the direction of flight"),
     "mirrored": (lambda a: a * [-1.0, -1.0, 1.0], "against the direction of flight"),
     "turned about": (turned(yaw=180.0), "against the direction of flight"),
-    "swaying": (turned(roll=30.0 * SWAY), "do not fit"),
-    "nodding": (turned(pitch=30.0 * SWAY), "do not fit"),
-    "rolled to and fro": (turned(roll=25.0 * TO_AND_FRO), "do not fit"),
-    "jumping": (turned(pitch=JUMPING), "do not fit"),
+    "swaying": (turned(roll=30.0 * SWAY), "do not match the flown accelerations"),
+    "nodding": (turned(pitch=30.0 * SWAY), "do not match the flown accelerations"),
+    "rolled to and fro": (turned(roll=25.0 * TO_AND_FRO), "do not match the flown accelerations"),
+    "jumping": (turned(pitch=JUMPING), "do not match the flown accelerations"),
 }
 
 

@@ -65,11 +65,11 @@ def test_the_deviation_is_known_on_the_route_alone() -> None:
     [
         ((10.0, 0.0, 0.0), None),
         ((14.4, 0.0, 0.0), None),
-        ((0.0, -14.6, 0.0), "flies at 14.6 m/s for seconds, where 10 m/s are planned"),
+        ((0.0, -14.6, 0.0), "flies at 14.6 m/s for several seconds instead of the planned 10 m/s"),
         ((0.0, 0.0, 5.9), None),
-        ((2.0, 0.0, 6.1), "climbs at 6.1 m/s for seconds, where 4 m/s are planned"),
+        ((2.0, 0.0, 6.1), "climbs at 6.1 m/s for several seconds instead of the planned 4 m/s"),
         ((0.0, 0.0, -4.7), None),
-        ((2.0, 0.0, -4.8), "descends at 4.8 m/s for seconds, where 3 m/s are planned"),
+        ((2.0, 0.0, -4.8), "descends at 4.8 m/s for several seconds instead of the planned 3 m/s"),
     ],
 )
 def test_a_sustained_pace_beyond_what_is_commanded(velocity: tuple[float, float, float], words: str | None) -> None:
@@ -107,7 +107,7 @@ def test_one_that_never_comes_near_the_planned_pace(speed_m_s: float, slow: bool
     said = doubt(*steady((0.0, speed_m_s, 0.0)), LONG_LEG)
     if slow:
         assert said is not None
-        assert "never flies faster than 3.9 m/s, where 10.0 m/s are planned" in said
+        assert "never flies faster than 3.9 m/s instead of the planned 10.0 m/s; the clock" in said
     else:
         assert said is None
     # For a moment is enough.

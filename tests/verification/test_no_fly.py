@@ -101,7 +101,7 @@ WEDNESDAY_NOON = 1_780_488_000.0  # 2026-06-03 12:00 UTC
         ("WED 14:00-15:00Z", ("2026-06-03T14:00Z", "2026-06-03T15:00Z"), WEDNESDAY_NOON, "free", "flown from 2026-06-03 12:0"),
         ("WED 11:00-13:00Z", None, WEDNESDAY_NOON, "entered", None),
         ("THU", None, WEDNESDAY_NOON, "free", None),
-        ("THU", None, None, "entered", "judged as always in force"),
+        ("THU", None, None, "entered", "judged as always active"),
         ("THU", ("2026-06-04T14:00Z", "2026-06-04T15:00Z"), None, "entered", "judged as in flight_window_utc"),
         ("WED", ("2026-06-04T14:00Z", "2026-06-04T15:00Z"), None, "unknown", "judged as in flight_window_utc"),
     ],
@@ -114,7 +114,7 @@ def test_zones_with_times_are_judged_by_the_time_of_day_of_the_track(active, win
         track = dataclasses.replace(track, unix_time_s=unix_s + track.time_s)
     report = verify_track(site, CoverageMap(site, cell_size_m=20.0), track, PlannedRoute(ALONG, 0.0))
     assert bool(report.violations) == (verdict == "entered")
-    told = "no-fly zone prison, not in force in flight_window_utc, was entered; the track has no time of day"
+    told = "no-fly zone prison, which is not active in flight_window_utc, was entered; the track has no time of day"
     assert any(told in doubt for doubt in report.doubts) == (verdict == "unknown")
     findings = [line for line in report.findings if "no-fly zones" in line]
     assert findings == [] if said is None else said in findings[0]

@@ -110,7 +110,7 @@ def test_numbers_of_the_flight_itself_contradict_nothing(flown: Track) -> None:
 
 def test_a_number_beyond_the_plan(flown: Track) -> None:
     numbers = np.where(flown.current_waypoint == 3, 4, flown.current_waypoint)
-    assert said_of(flown, numbers) == "current_waypoint goes up to 4, and the plan has 4 waypoints"
+    assert said_of(flown, numbers) == "current_waypoint reaches 4, but the plan has 4 waypoints"
 
 
 @pytest.mark.parametrize("late_s", [0.0, 1.0, SAFETY.lateness_s - 0.5])
@@ -130,7 +130,7 @@ def test_one_that_changes_far_away_from_its_waypoint(flown: Track, waypoint: int
     said = said_of(flown, early)
     assert said is not None
     at_s = flown.time_s[reached - 20]
-    assert said.startswith(f"current_waypoint goes from {waypoint} to {numbers[reached]} at {at_s:.1f} s, ")
+    assert said.startswith(f"current_waypoint changes from {waypoint} to {numbers[reached]} at {at_s:.1f} s, ")
     assert said.endswith(f" m away from waypoint {waypoint}")
     # Three samples are 6 m: within the radius and what is flown between two samples.
     near = numbers.copy()
@@ -144,14 +144,14 @@ def test_one_that_comes_much_too_late(flown: Track) -> None:
     numbers[reached : reached + 40] = 0
     said = said_of(flown, numbers)
     assert said is not None
-    assert said.endswith(f"goes from 0 to 1 at {flown.time_s[reached + 40]:.1f} s, 32 m away from waypoint 0")
+    assert said.endswith(f"changes from 0 to 1 at {flown.time_s[reached + 40]:.1f} s, 32 m away from waypoint 0")
 
 
 def test_one_that_goes_back(flown: Track) -> None:
     numbers = flown.current_waypoint.copy()
     at = int(np.flatnonzero(numbers == 3)[0]) + 10
     numbers[at:] = np.where(numbers[at:] == 3, 2, numbers[at:])
-    assert said_of(flown, numbers) == f"current_waypoint goes back from 3 to 2 at {flown.time_s[at]:.1f} s"
+    assert said_of(flown, numbers) == f"current_waypoint decreases from 3 to 2 at {flown.time_s[at]:.1f} s"
 
 
 @pytest.mark.parametrize(("samples", "believed"), [(1, True), (4, True), (8, False)])
@@ -195,7 +195,7 @@ def test_a_first_number_at_the_second_sample_is_a_change_as_well(flown: Track) -
     numbers[0] = -1
     said = said_of(flown, numbers)
     assert said is not None
-    assert said.startswith(f"current_waypoint goes from -1 to 1 at {flown.time_s[1]:.1f} s, ")
+    assert said.startswith(f"current_waypoint changes from -1 to 1 at {flown.time_s[1]:.1f} s, ")
     assert said.endswith("away from waypoint 0")
     # One from the first sample on says nothing of what was before.
     numbers[0] = 1
@@ -225,12 +225,12 @@ def test_a_flight_of_its_plan_is_not_doubted() -> None:
 def test_a_track_that_comes_nowhere_near_is_another_flight() -> None:
     said = doubt([-1, -1, -1], [80.0, 61.0, 70.0])
     assert said is not None
-    assert said.startswith("none of the 3 planned waypoints was passed, the nearest one at 61 m")
+    assert said.startswith("none of the 3 planned waypoints was passed (the nearest at 61 m")
 
 
 def test_waypoints_that_do_not_come_in_the_order_of_the_plan() -> None:
     assert doubt([-1, -1, 5, -1], [0.0, 5.0, 1.0, 1.0]) == (
-        "of 4 planned waypoints that were passed only 1 come in the order of the plan"
+        "of 4 planned waypoints that were passed, only 1 were passed in the planned order"
     )
     assert doubt([3, -1, 5, -1], [0.0, 5.0, 1.0, 1.0]) is None  # half of them do
     assert doubt([3, -1, -1], [0.0, 5.0, 1.0]) is None  # three have no order to speak of

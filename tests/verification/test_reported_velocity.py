@@ -130,7 +130,7 @@ def test_a_large_contradiction_takes_no_evidence_but_says_how_large_it_is() -> N
     motion = judged(time_s, enu, -velocity)
     assert motion.contradiction is not None
     assert motion.contradiction.kind == "velocity"
-    assert str(motion.contradiction).startswith("the reported velocity is off the change of position by 1")
+    assert str(motion.contradiction).startswith("the reported velocity differs from the change of position by 1")
     assert 0.8 < motion.contradicted_fraction <= 1.0
     assert motion.joined.all()
     assert motion.evidence.all()

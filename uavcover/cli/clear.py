@@ -36,7 +36,7 @@ def clear(
                 console.say(f"{cleared[-1]}: empty, read back")
         except KeyboardInterrupt:
             left = [t.name.lower() for t in lists if t.name.lower() not in cleared]
-            console.warn(f"cleared: {', '.join(cleared) or 'nothing'}; not known to be cleared: {', '.join(left)}")
+            console.warn(f"cleared: {', '.join(cleared) or 'nothing'}; possibly not cleared: {', '.join(left)}")
             raise
     console.result({"cleared": cleared})
     return 0

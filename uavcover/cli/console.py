@@ -92,7 +92,7 @@ class Console:
             sys.stdout.flush()
         except OSError as error:
             discard(sys.stdout)
-            raise OutputError(f"standard output: cannot be written ({error.strerror})") from error
+            raise OutputError(f"standard output cannot be written ({error.strerror})") from error
 
     def _write(self, stream: TextIO, line: str) -> None:
         line = plain_text(line)
@@ -413,7 +413,7 @@ class PauseKey:
         except (OSError, ValueError, termios.error):  # no stdin, or none that is one
             return
         self._terminal = before
-        self._console.say(f"{PAUSE_KEY} pauses the flight, {PAUSE_KEY} again continues; Ctrl-C returns")
+        self._console.say(f"{PAUSE_KEY} pauses the flight, {PAUSE_KEY} again continues it; Ctrl-C starts the return")
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         del number, frame

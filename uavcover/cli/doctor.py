@@ -83,7 +83,7 @@ def _packages(try_imports: bool) -> Iterator[Diagnosis]:
                 importlib.import_module(module)
             yield Diagnosis(name, True, True, version)
         except (ImportError, OSError) as error:
-            yield Diagnosis(name, False, True, f"{error}; install the package again, from its clone: pip install -e .")
+            yield Diagnosis(name, False, True, f"{error}; reinstall the package from its clone: pip install -e .")
 
 
 def _data() -> Iterator[Diagnosis]:
@@ -121,7 +121,7 @@ def _optional() -> Iterator[Diagnosis]:
     }
     yield Diagnosis(
         "screen for inspect", display, False,
-        "there" if display else "none here; uavcover inspect --text and --screenshot work without one",
+        "there" if display else "none; uavcover inspect --text and --screenshot work without one",
     )  # fmt: skip
     vulkan = sys.platform != "linux" or any(Path(p).is_dir() and any(Path(p).iterdir()) for p in _VULKAN)
     yield Diagnosis(

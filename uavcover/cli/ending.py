@@ -87,7 +87,7 @@ def _code(call: Callable[[], int], *, as_json: bool, traces: bool) -> int:
             code, shown = BAD_USAGE if isinstance(error, FormatError | MisuseError) else 3, error  # type: ignore[assignment]
         else:
             _print_trace(error)
-            return _fail(f"a fault of uavcover: {type(error).__name__}: {error}", FAULT, as_json=as_json)
+            return _fail(f"internal error of uavcover: {type(error).__name__}: {error}", FAULT, as_json=as_json)
     if traces:
         _print_trace(shown)
     details = shown.details() if isinstance(shown, UavcoverError) else {}

@@ -56,8 +56,8 @@ class FlightWatch:
         typer.Option(
             "--apply-limits",
             help=(
-                "Set the parameters that the plan needs, and restore the old values after the flight. Asks "
-                "first, unless you add --yes."
+                "Set the parameters that the plan needs, and restore the old values after the flight. Asks for "
+                "confirmation unless you add --yes."
             ),
         ),
     ] = False
@@ -124,10 +124,13 @@ def fly(
     console = output.console()
     if len(links) > 1 and (sortie is not None or older.resume):
         raise InputError(
-            f"{'--resume' if older.resume else '--sortie'}: is for one vehicle; give --to once, or omit it"
+            f"{'--resume' if older.resume else '--sortie'}: this option is for one vehicle; use --to once, or omit the option"
         )
     if len(links) > 1 and watch.apply_limits:
-        raise InputError("--apply-limits: is for one vehicle; set the parameters of each one before they fly together")
+        raise InputError(
+            "--apply-limits: this option is for one vehicle; set the parameters of each vehicle before "
+            "they fly together"
+        )
     if len(links) > 1 or on_loss != "share":
         load("uavcover.fleets", "vehicles").check_on_loss(on_loss)
     folder = RunFolder(run) if len(links) > 1 else RunFolder(run).flight(sortie)
@@ -167,7 +170,7 @@ def fly(
     site, planned = read_planned(folder)
     outcome, document = fly_run(folder, site, planned.route, link, console, asked)
     if outcome.ending is Ending.RETURNED and outcome.waypoints_reached < len(planned.route):
-        console.say("the vehicle now holds the return mission: use --resume to upload the rest of the route")
+        console.say("the vehicle now has the return mission: use --resume to upload the remaining route")
     console.suggest(*commands_after_flight(folder, outcome.ending, options.words_of(links)))
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
@@ -216,7 +219,7 @@ def precautions_for(
         if agreed:
             return True
         if not sys.stdin.isatty():
-            console.warn("--apply-limits needs a terminal for its question: add --yes")
+            console.warn("--apply-limits needs a terminal to ask for confirmation: add --yes")
             return False
         sys.stderr.write("set them? [y/N] ")
         sys.stderr.flush()
@@ -240,7 +243,7 @@ def _left_changed(run: "RunFolder") -> dict[str, float]:
         found = {"": math.nan}
     if not all(name and math.isfinite(value) for name, value in found.items()):
         raise InputError(
-            f"{file}: holds the parameters that an earlier flight changed on the vehicle, and cannot be read; "
-            "set them manually, then remove the file"
+            f"{file}: this file of parameters that an earlier flight changed on the vehicle cannot be read; set them "
+            "manually, then remove the file"
         )
     return found

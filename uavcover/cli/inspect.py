@@ -39,7 +39,7 @@ def inspect(
         console.result({"recording": str(path), "entities": [dataclasses.asdict(row) for row in rows]})
     if screenshot is not None:
         if screenshot.exists() and not force:
-            raise OutputError(f"{screenshot}: would be overwritten; use --force, or another name")
+            raise OutputError(f"{screenshot}: this file would be overwritten; use --force, or another name")
         viewer.screenshot(path, screenshot, at_share=at)
         console.say(f"written: {screenshot}")
     if not text and not output.as_json and screenshot is None:

@@ -34,21 +34,23 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tupl
     suffix = file.suffix.lower()
     if suffix in DRAWING_SUFFIXES:
         raise InputError(
-            f"{file}: a {suffix} file holds positions and no items to fly: plan with it, or save a .waypoints"
+            f"{file}: a {suffix} file contains positions but no mission items; plan with it, or save it as .waypoints"
         )
     only = ONLY_LIST.get(suffix)
     if only is not None and kind not in {None, only.name.lower()}:
-        raise InputError(f"{file}: a {suffix} file holds a {only.name.lower()}; leave --type {kind} away")
+        raise InputError(f"{file}: a {suffix} file contains a {only.name.lower()}; omit --type {kind}")
     try:
         read = read_file(file, mission_type=None if kind in {None, "all"} else MissionType[str(kind).upper()])
         contents = read.filled_lists if suffix == ".plan" and kind is None else read.lists
     except MissionIoError as error:
         raise InputError(str(error)) from error
     if kind == "all" and suffix != ".plan":
-        raise InputError(f"{file}: a .waypoints file is met one list; name it with --type mission, fence or rally")
+        raise InputError(
+            f"{file}: a .waypoints file contains only one list; specify it with --type mission, fence or rally"
+        )
     if not contents:
         raise InputError(
-            f"{file}: holds no mission, fence or rally points; use --type all to empty the vehicle's lists"
+            f"{file}: the file contains no mission, fence or rally points; use --type all to empty the vehicle's lists"
         )
     return list(contents), (
         *(f"repaired: {repair}" for repair in read.repairs),
@@ -68,7 +70,7 @@ def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> Non
     try:
         here = client.request_message(HomePosition, timeout_s=3.0)
     except MissionIoError:
-        console.warn("the vehicle does not report its home: not compared with the file's")
+        console.warn("the vehicle does not report its home, so it was not compared with that of the file")
         return
     east, north, up = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m).enu_from_geodetic(
         here.lat_deg, here.lon_deg, here.alt_amsl_m
@@ -85,11 +87,11 @@ def check_output(out: Path, kind: str, *, force: bool) -> None:
     if kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
     if out.suffix not in EVERY_LIST:
-        raise InputError(f"{out}: name it {' or '.join(EVERY_LIST)}")
+        raise InputError(f"{out}: the file name must end in {' or '.join(EVERY_LIST)}")
     if kind == "all" and out.suffix != ".plan":
-        raise InputError(f"{out}: a .waypoints file is met one list; use a .plan file for --type all")
+        raise InputError(f"{out}: a .waypoints file contains only one list; use a .plan file for --type all")
     if out.exists() and not force:
-        raise OutputError(f"{out}: would be overwritten; use --force, or another name")
+        raise OutputError(f"{out}: this file would be overwritten; use --force, or another name")
 
 
 def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path, kind: str) -> tuple[str, int]:

@@ -62,7 +62,7 @@ class Imitated:
         place, vehicle = home_of(site), site.scenario.vehicle
         if place is None:
             raise InputError(
-                f"scenario {self.scenario}: has no position on Earth or no home: add --home LAT,LON,ALT_AMSL"
+                f"scenario {self.scenario} has no position on Earth or no home: add --home LAT,LON,ALT_AMSL"
             )
         name = autopilot_name(self.autopilot, vehicle.autopilot)
         settings = Settings.for_vehicle(vehicle, name)
@@ -108,7 +108,7 @@ class FlightConditions:
             raise InputError(f"--speed: {self.speed:g} is not a number above 0")
         ways = {"quick": quick(), "observed": OBSERVED[autopilot.mav_autopilot]}
         if self.behaviour not in ways:
-            raise InputError(f"--behaviour: {self.behaviour!r} is not quick or observed")
+            raise InputError(f"--behaviour: {self.behaviour!r} is neither quick nor observed")
         try:
             return replace(
                 config,

@@ -46,12 +46,12 @@ def new(
     from uavcover.run.user import to_paste
 
     if area is None:
-        raise InputError("new: give an area, such as area.kml, with --dem dem.tif --camera NAME --gsd 2.5cm")
+        raise InputError("new: specify an area, such as area.kml, with --dem dem.tif --camera NAME --gsd 2.5cm")
     path = out if out is not None else Path(f"{name_of(Path(area).stem)}.toml")
     if path.suffix.lower() != ".toml":
-        raise InputError(f"-o: {path} is not a .toml file; name the scenario, such as survey.toml")
+        raise InputError(f"-o: {path} is not a .toml file; use a name such as survey.toml")
     if not path.parent.is_dir():
-        raise OutputError(f"{path}: there is no folder {path.parent}; create it first")
+        raise OutputError(f"{path}: the folder {path.parent} does not exist; create it first")
     _refuse_to_replace([path], force=force)
     scenarios = new_scenarios(survey.request(area, autopilot=autopilot), console, folder=path.parent)
     paths = [path.with_stem("-".join(part for part in (path.stem, each.view.name) if part)) for each in scenarios]
@@ -73,7 +73,9 @@ def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
 
     for path in paths:
         if path.exists() and not force:
-            raise OutputError(f"{path}: already exists: choose another name with -o, or --force to replace it")
+            raise OutputError(
+                f"{path}: this file already exists: choose another name with -o, or use --force to replace it"
+            )
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:

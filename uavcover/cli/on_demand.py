@@ -56,7 +56,7 @@ class LoadedCommands(MutableMapping[str, Any]):
         self._loaded[name] = command
 
     def __delitem__(self, name: str) -> None:
-        raise TypeError(f"{name}: the commands are given by their table")
+        raise TypeError(f"{name}: the commands are defined in their table")
 
     def __iter__(self) -> Iterator[str]:
         return iter({**self._titles, **self._loaded})

@@ -35,7 +35,7 @@ class Overview(TyperGroup):
                 continue
             title, group = "" if of_group == group else of_group, of_group
             formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{short}\n")
-        formatter.write("COMMAND --help lists its options. All take --json, -q, -v. --install-completion\n")
+        formatter.write("COMMAND --help lists its options. All commands accept --json, -q, -v. --install-completion\n")
 
 
 if TYPE_CHECKING:
@@ -376,7 +376,7 @@ def on_breach(text: str | None) -> "OnBreach | None":
         return None
     known = {action.value: action for action in OnBreach}
     if text not in known:
-        raise InputError(f"--on-breach: {text!r} is none of tell, hold, return, land")
+        raise InputError(f"--on-breach: {text!r} is not one of tell, hold, return, land")
     return known[text]
 
 
@@ -415,7 +415,7 @@ def names(option: str, text: str | None, known: Iterable[str]) -> list[str]:
     asked = listed(text)
     unknown = [name for name in asked if name not in every]
     if unknown or not asked:
-        what = f"{', '.join(map(repr, unknown))} not known" if unknown else "no name given"
+        what = f"unknown: {', '.join(map(repr, unknown))}" if unknown else "the name is missing"
         raise InputError(f"{option}: {what}; choose from {', '.join(every)}")
     return [name for name in every if name in asked]
 

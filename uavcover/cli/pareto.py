@@ -34,7 +34,7 @@ def pareto(
     members = read_pareto(folder.existing("pareto.csv", made_by="uavcover plan"))
     plan = folder.read_json("plan.json", made_by="uavcover plan")
     if plot is not None and plot.exists() and not force:
-        raise OutputError(f"{plot}: would be overwritten; use --force, or another name")
+        raise OutputError(f"{plot}: this file would be overwritten; use --force, or another name")
     by_energy = plan.get("objective") == "energy" and all(m.mission_energy_hover_s is not None for m in members)
     header = f"{'energy':>9}" if by_energy else ""
     sized = any(member.mission is not None for member in members)
@@ -53,7 +53,7 @@ def pareto(
     )
     if sized and any(member.mission is None for member in members):
         console.say(
-            "-: no flights found, or not computed for a large set; a rule such as max-coverage,sorties<=3 looks at all"
+            "-: no flights found, or not computed for a large set; a rule such as max-coverage,sorties<=3 evaluates all routes"
         )
     if line := sizes_by_vehicles_in_words((plan.get("mission") or {}).get("by_vehicles", [])):
         console.say(line)

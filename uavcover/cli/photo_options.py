@@ -63,9 +63,9 @@ class PhotoOptions:
             ("--angle-error", self.angle_error),
         ):  # fmt: skip
             if not 0.0 <= value < 1000.0:
-                raise InputError(f"{option}: {value:g} is out of range; give 0 or more")
+                raise InputError(f"{option}: {value:g} is out of range; use 0 or more")
         if self.max_blur is not None and not 0.0 < self.max_blur < 1000.0:
-            raise InputError(f"--max-blur: {self.max_blur:g} is out of range; give pixels, such as 1")
+            raise InputError(f"--max-blur: {self.max_blur:g} is out of range; specify pixels, such as 1")
         if self.geoid_height is not None and not abs(self.geoid_height) <= 200.0:
             raise InputError(
                 f"--geoid-height: {self.geoid_height:g} is out of range; it is between -110 and 90 m on Earth"
@@ -112,7 +112,9 @@ class SearchOptions:
             raise InputError(f"--pod: {self.pod:g} is not a probability above 0 and at most 1")
         if self.detection is None:
             if self.pod is not None:
-                raise InputError("--pod: needs --detection, the probability that one photo finds the target")
+                raise InputError(
+                    "--pod: this option requires --detection, the probability that one photo finds the target"
+                )
             return None
         return curve_named(self.detection)
 
@@ -125,6 +127,6 @@ def list_curves(console: "Console") -> int:
     console.say(f"{'curve':20}{'half of the looks find it at':>30}  title")
     for one in curves:
         console.say(f"{one.name:20}{f'{100.0 * one.half_at_m:.3g} cm per pixel':>30}  {one.title}")
-    console.say("They are examples, rules of thumb; measure your own curve (docs/reference/detection.md)")
+    console.say("These are examples and rules of thumb; measure your own curve (docs/reference/detection.md)")
     console.result({"curves": [one.name for one in curves]})
     return 0

@@ -150,7 +150,7 @@ def _parts(text: str | None) -> "int | Literal['auto'] | None":
     if text == "auto":
         return "auto"
     if not (text.isascii() and text.isdigit()) or int(text) < 1:
-        raise InputError(f"--parts: {text!r} is neither a number of parts, 1 at least, nor auto")
+        raise InputError(f"--parts: {text!r} is neither a number of parts (at least 1) nor auto")
     return int(text)
 
 
@@ -170,7 +170,7 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
 
     if not is_area_file(source):
         if given := [option for option in survey.given() if option not in ("--no-fly", "--at", "--trust-dem")]:
-            raise InputError(f"{source}: is a scenario; {', '.join(given)} go with an area, such as area.kml")
+            raise InputError(f"{source}: this is a scenario; {', '.join(given)} require an area, such as area.kml")
         changed = survey.no_fly or survey.at is not None or survey.trust_dem
         return _with_options(source, survey, console) if changed else source
     from uavcover.new.command import new_scenario, say_design, say_estimate
@@ -195,7 +195,7 @@ def _with_options(source: str, survey: SurveyOptions, console: "Console") -> "Si
     more = scenario
     if files := survey.no_fly:
         more = with_no_fly(scenario, files, margin_m=TEXT.no_fly_margin_m)
-        console.say(f"--no-fly: {len(more.no_fly) - len(scenario.no_fly)} zones of {', '.join(files)} nearby")
+        console.say(f"--no-fly: {len(more.no_fly) - len(scenario.no_fly)} zones from {', '.join(files)} are nearby")
     if survey.at is not None:
         more = replace(more, flight_window_utc=flight_window(survey.at, option="--at"))
     if survey.trust_dem and isinstance(more.terrain, RasterTerrain):

@@ -82,12 +82,12 @@ def plan_upload(
     )
     links = vehicle.links_at(places, client=vehicle.client, link=vehicle.link)
     if len(links) > 1 and sortie is not None:
-        raise InputError("--sortie: with several --to each vehicle gets its own first sortie; omit it")
+        raise InputError("--sortie: with several --to, each vehicle gets its own first sortie; omit the option")
     console = output.console()
     if is_run:
         if unused := planning.given():
             raise InputError(
-                f"{source}: is a run folder and has its plan already; {', '.join(unused)} would do nothing"
+                f"{source}: this run folder already has a plan, so {', '.join(unused)} would have no effect; omit it"
             )
         folder = RunFolder(source)
     else:

@@ -39,13 +39,13 @@ def report(
     console = output.console()
     path = RunFolder(run).file(REPORT_FILE) if page is None else page
     if page is not None and path.exists() and not force:
-        raise OutputError(f"{path}: would be overwritten; use --force, or another name")
+        raise OutputError(f"{path}: this file would be overwritten; use --force, or another name")
     content = save_report(RunFolder(run), path, console, logs=log or [], background=background)
     drawn = [] if figures is None else draw_figures(content, figures, console, force=force)
     judged = None if content.verdict is None else content.verdict.report
     passed, verdict = (None, None) if judged is None else (judged.passed, judged.verdict)
     if show and not _opened(path):
-        console.warn(f"{path}: no browser could be started here; open the file yourself")
+        console.warn(f"{path}: no browser could be started; open the file yourself")
     if not show:
         console.suggest(f"open {path} in a browser, or add --open")
     console.result(

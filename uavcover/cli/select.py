@@ -60,7 +60,7 @@ def select(
     folder = RunFolder(run)
     site, _ = read_planned(folder)
     if autopilot is not None and site.scenario.vehicles:
-        raise InputError("--autopilot: each [[vehicle]] has its own; omit it")
+        raise InputError("--autopilot: each [[vehicle]] has its own autopilot; omit the option")
     name = autopilot_name(autopilot, site.scenario.vehicle.autopilot)
     with folder.reserved(flown_in(folder), force=force):
         plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)

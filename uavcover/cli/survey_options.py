@@ -225,13 +225,15 @@ class SurveyOptions:
         from uavcover.scenario.areas.area_file import AreaQuery
 
         if not area.strip():
-            raise InputError("the area: is empty; give a file, WEST,SOUTH,EAST,NORTH or LAT,LON,RADIUS")
+            raise InputError("the area: the argument is empty; specify a file, WEST,SOUTH,EAST,NORTH or LAT,LON,RADIUS")
         for option in fields(self):
             value = getattr(self, option.name)
             if any(
                 isinstance(text, str) and not text.strip() for text in (value if isinstance(value, list) else [value])
             ):
-                raise InputError(f"--{option.name.replace('_', '-')}: is empty; give a value, or omit the option")
+                raise InputError(
+                    f"--{option.name.replace('_', '-')}: the value is empty; specify a value, or omit the option"
+                )
         query = AreaQuery(
             source=area, layer=self.layer, feature=self.feature, crs=self.crs, make_valid=self.make_valid,
             swap_axes=self.swap_axes,

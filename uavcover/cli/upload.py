@@ -48,7 +48,7 @@ def upload(
     contents, remarks = read_contents(file, kind)
     for remark in remarks:
         console.warn(f"{file}: {remark}")
-    console.warn(f"{file}: terrain not checked (the file carries none; plan-upload checks every leg)")
+    console.warn(f"{file}: the terrain was not checked (a mission file has no terrain; plan-upload checks every leg)")
     results = []
     home = home_of(contents)
     with connect(at, home=home) as connected:
@@ -81,13 +81,13 @@ def _sent_as_file(
     from mission_io.errors import TransferError
 
     if not client.vehicle.autopilot.lists_as_files:
-        console.warn(f"{client.vehicle.autopilot.name} has no lists as files; sent item by item")
+        console.warn(f"{client.vehicle.autopilot.name} does not accept lists as files; the list was sent item by item")
         return None
     try:
         result = FileUploads(client).upload_list(content, progress=progress, in_flight=in_flight)
     except TransferError as error:
-        console.warn(f"{error}; sent item by item")
+        console.warn(f"{error}; the list was sent item by item")
         return None
     if not result.passed:
-        console.warn("the vehicle made another list of the file than was sent; sent item by item")
+        console.warn("the vehicle read a different list from the file; the list was sent item by item")
     return result if result.passed else None

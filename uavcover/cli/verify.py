@@ -71,9 +71,9 @@ def verify(
     console = output.console()
     if area is None:
         if run is None:
-            raise InputError("verify: give a run folder; or a log or photos with --area, --dem and --camera")
+            raise InputError("verify: specify a run folder; or a log or photos with --area, --dem and --camera")
         if given := survey.given():
-            raise InputError(f"verify: {given[0]} requires --area; omit it: {run} defines it")
+            raise InputError(f"verify: {given[0]} requires --area; omit it, because {run} defines it")
         if out is not None:
             raise InputError("verify: -o requires --area; omit it: the verdict on a run is kept in its folder")
     of_photos = loaded("uavcover.evidence").get("photos")
@@ -104,10 +104,10 @@ def verify(
     if not evidence.photos:
         for option, asked in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
             if asked is not None:
-                raise InputError(f"{option}: applies only to photos: add --photos")
+                raise InputError(f"{option}: this option applies only to photos: add --photos")
     if evidence.photos and scheduler is not None:
         raise InputError(
-            "--scheduler: distributes the coverage of a track; omit it if the coverage comes from photos (--photos)"
+            "--scheduler: this option distributes the coverage of a track; omit it if the coverage comes from photos (--photos)"
         )
     pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
     if of_photos is not None and evidence.photos:

@@ -52,7 +52,7 @@ def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed:
         at = time.monotonic()
         uploaded = upload_run(run, site, route, VehicleLink(url=url), console)
         _stage(run, "upload", at)
-        console.say(f"3 of 4  fly, {speed:g} times as fast as real time, in wind")
+        console.say(f"3 of 4  fly in wind, at {speed:g} times real time")
         at = time.monotonic()
         flight, flown = fly_run(run, site, route, VehicleLink(url=url), console, FlightOptions(force=True))
         _stage(run, "fly and record", at)

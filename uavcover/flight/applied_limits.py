@@ -131,7 +131,7 @@ class AppliedLimits:
         if refused is not None:
             advice = "plan a shorter flight" if not refused.parameter else "set it"
             advice += ", or add --apply-limits" if refused.wanted is not None else ""
-            raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; not armed: {advice}")
+            raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; the vehicle was not armed: {advice}")
 
     def look(self, plan: FlightPlan) -> None:
         """Tell the table of a vehicle in the air: what would have kept it on the ground is an alarm."""
@@ -150,7 +150,7 @@ class AppliedLimits:
         why = ""
         for name, number in self._before.items():
             if vehicle.armed and session.monitor.on_ground is not True:
-                left[name], why = number, "it is in the air, and the rest of its flight needs them"
+                left[name], why = number, "the vehicle is in the air and needs them for the remaining flight"
                 continue
             try:
                 set_parameter(session, name, number)
@@ -160,7 +160,9 @@ class AppliedLimits:
         self._precautions.keep(left)
         if left:
             text = ", ".join(f"{name} was {number:g}" for name, number in left.items())
-            session.tell(EventKind.WARNING, f"left changed on the vehicle ({why}): {text}", alarm=True)
+            session.tell(
+                EventKind.WARNING, f"some parameters on the vehicle remain changed ({why}): {text}", alarm=True
+            )
         else:
             session.tell(EventKind.STAGE, "the vehicle's old parameters are restored")
 
@@ -178,7 +180,7 @@ class AppliedLimits:
             if row.shown
         )  # fmt: skip
         if plan.needs is not None:
-            session.tell(EventKind.STAGE, "limits: planned | vehicle | matters because")
+            session.tell(EventKind.STAGE, "limits: planned | vehicle | why it matters")
             for row in self.rows:
                 session.tell(EventKind.STAGE, row.line)
 

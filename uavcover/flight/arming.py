@@ -89,9 +89,10 @@ def continue_mission(session: Session, seq: int | None = None) -> None:
         _steer(session, lambda: set_current_item(session, wanted))
         item = _reported_item(session)
     _steer(session, lambda: set_mode(session, hold_mode(session)))
-    flies = f"flies to item {item}" if item >= 0 else "does not report the item it flies to"
+    flies = f"flies to item {item}" if item >= 0 else "does not report its current item"
     raise FlightFaultError(
-        Ending.FAILED, f"the vehicle {flies}, and not to item {wanted}; it was commanded to hold: set MIS_RESTART to 0"
+        Ending.FAILED,
+        f"the vehicle {flies} instead of flying to item {wanted}; it was commanded to hold: set MIS_RESTART to 0",
     )
 
 
@@ -218,6 +219,6 @@ def _arm(session: Session, mode: Mode) -> None:
     session.wait(
         lambda: session.client.vehicle.armed,
         timeout_s=session.timeouts.start_s,
-        what=lambda: "arming was accepted, but the heartbeat does not show it",
+        what=lambda: "arming was accepted, but the heartbeat does not confirm it",
         ending=Ending.ARMING_REFUSED,  # a stop of the user waits for it: what is not known to be armed is not disarmed
     )

@@ -129,7 +129,7 @@ class Causes:
         cause = cause_in(said.text, severity=said.severity)
         if cause is not None:
             name = Severity(said.severity).name.lower() if said.severity < len(Severity) else str(said.severity)
-            self._note(cause, f'it says ({name}): "{said.text}"')
+            self._note(cause, f'the vehicle reported ({name}): "{said.text}"')
         elif _OVER.search(said.text.lower()) and (over := _named(said.text)) is not None:
             self._signs = deque((sign for sign in self._signs if sign.cause is not over), maxlen=WATCH.most_signs)
 

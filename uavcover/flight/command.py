@@ -48,8 +48,8 @@ _LEFT_SOMETHING = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.RESERV
 ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN})
 
 _FIRST_STOP = (
-    "stopping: the vehicle holds, then returns along checked legs; repeat to keep holding; a third "
-    "time aborts immediately"
+    "stopping: the vehicle holds its position, then returns along checked legs; repeat to keep holding; a third time "
+    "aborts immediately"
 )
 
 
@@ -110,7 +110,9 @@ def refuse_older_flight(run: RunFolder, options: FlightOptions) -> None:
         OutputError: it was not.
     """
     if run.file("track.csv").exists() and not options.force:
-        raise OutputError(f"{run}: holds the track of a flight; use --resume to continue it, or --force to replace it")
+        raise OutputError(
+            f"{run}: the run has the track of a flight; use --resume to continue it, or --force to replace it"
+        )
 
 
 def fly_connected(
@@ -213,7 +215,7 @@ def _seal(run: RunFolder, log: FlightLog, outcome: FlightOutcome | None, options
     try:
         seal_flight(run, samples=log.sample_count, outcome=outcome, command=sys.argv, **more)
     except UavcoverError as error:
-        user.warn(f"{error}; no end of this flight is recorded, and verify says so")
+        user.warn(f"{error}; the end of this flight is not recorded, and verify reports this")
 
 
 def _keep_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, user: User) -> None:
@@ -269,7 +271,7 @@ def resume_run(
             with connect(to, site) as vehicle:
                 if not is_in_the_air(vehicle):
                     raise InputError(
-                        f"{run}: nothing of it was flown, and the vehicle is on the ground; fly it without --resume"
+                        f"{run}: no part of it was flown, and the vehicle is on the ground; fly it without --resume"
                     )
                 user.say("the vehicle is in the air: it flies the whole run from its current position")
                 up_since_s = took_off_s(run)
@@ -348,4 +350,4 @@ def _say(unfinished: Unfinished, user: User) -> None:
         return
     where = f", {unfinished.broken.flown_m:.0f} m along the leg to it" if unfinished.broken.flown_m > 0.0 else ""
     user.say(f"{unfinished.flown}: waypoint {number} of {count} is the first that was not flown{where}")
-    user.say(f"the rest is kept in {unfinished.folder}")
+    user.say(f"the remaining mission is in {unfinished.folder}")

@@ -189,7 +189,7 @@ def require_home(site: Site) -> GeoPoint:
     if home is None:
         lacks = "position on Earth" if site.frame is None else "[home]"
         raise InputError(
-            f"scenario {site.scenario.name}: has no {lacks}, so there is no mission to fly; give it an [origin] and a [home]"
+            f"scenario {site.scenario.name} has no {lacks}, so there is no mission to fly; add an [origin] and a [home]"
         )
     return home
 
@@ -202,7 +202,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     """
     home = require_home(site)
     if site.frame is None or site.home_m is None:
-        raise InputError(f"scenario {site.scenario.name}: has no position on Earth")
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth")
     ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
     point = np.array([site.home_m[0], site.home_m[1], ground])
     return FlightPlan(

@@ -69,8 +69,8 @@ class FallWatch:
             self._fastest_m_s = max(self._fastest_m_s, here.velocity_down_m_s)
         watch.measure(
             Ending.FALLING, max(1.0, here.velocity_down_m_s) if falls else None,
-            f"the vehicle falls: it sinks at {here.velocity_down_m_s:.0f} m/s, {height_m:.0f} m above the ground, and leans "
-            f"by {lean_deg:.0f} degrees",
+            f"the vehicle is falling: it sinks at {here.velocity_down_m_s:.0f} m/s, {height_m:.0f} m above the "
+            f"ground, and is tilted by {lean_deg:.0f} degrees",
             "the vehicle has stopped falling",
         )  # fmt: skip
 
@@ -92,11 +92,11 @@ class FallWatch:
             self._still_since_s = here.time_boot_s
         still_s = here.time_boot_s - self._still_since_s
         if self._session.watch.is_open(Ending.FALLING) and height_m < FALL.near_m and still_s >= 1.0:
-            self._crashed(f"fell from {self._from_m:.0f} m at {self._fastest_m_s:.0f} m/s and lies")
+            self._crashed(f"fell from {self._from_m:.0f} m at {self._fastest_m_s:.0f} m/s and is")
         if self._hit_m_s is not None and height_m < FALL.near_m and still_s >= FALL.hit_still_s:
-            self._crashed(f"stopped abruptly at {self._hit_m_s:.0f} m/s and lies")
+            self._crashed(f"stopped abruptly at {self._hit_m_s:.0f} m/s and is")
         if height_m < FALL.lies_m and still_s >= FALL.lies_s and not self._may_stand():
-            self._crashed("should be in the air but lies")
+            self._crashed("should be in the air but is")
 
     def _may_stand(self) -> bool:
         """Whether the vehicle may be on the ground: it lands, reports a landing, or its mode is unknown."""
@@ -111,8 +111,8 @@ class FallWatch:
         session, here = self._session, self._seen
         place = "" if here is None else f" at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
         text = (
-            f"the vehicle {how} on the ground{place}; it is armed: keep away, its motors may start"
-            f"{session.recent_warnings}"
+            f"the vehicle {how} on the ground{place}; it is armed: keep away, because its motors may "
+            f"start{session.recent_warnings}"
         )
         session.watch.open(Ending.CRASHED, text)
         raise FlightFaultError(Ending.CRASHED, text)

@@ -122,7 +122,7 @@ class FlightLog:
         """
         for ended in (self._live, self._telemetry):
             if ended is not None and ended.error is not None:
-                raise OutputError(f"{ended.error}; nothing was armed")
+                raise OutputError(f"{ended.error}; the vehicle was not armed")
         self._set_older_flight_aside()
         provenance.forget(self._run)
         self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite, reserve=self._reserve)
@@ -131,7 +131,7 @@ class FlightLog:
         if self._telemetry is not None:
             self._telemetry.move_to(self._run.file(TELEMETRY_LOG))
             if self._telemetry.error is not None:
-                raise OutputError(f"{self._telemetry.error}; nothing was armed")
+                raise OutputError(f"{self._telemetry.error}; the vehicle was not armed")
         provenance.note_flying(self._run)
         self.begun = True
 
@@ -295,7 +295,11 @@ class LiveLine:
         elsewhere = between and 0 < self._waypoint < self._count - 1  # as on the return after a stop
         parts = [
             f"mode {client.vehicle.custom_mode}" if mode is None else mode.value,
-            "homeward" if homeward else "off the plan" if elsewhere else f"waypoint {self._waypoint} of {self._count}",
+            "homeward"
+            if homeward
+            else "off the planned route"
+            if elsewhere
+            else f"waypoint {self._waypoint} of {self._count}",
         ]
         height_m = float(self._site.ground.heights_agl_m(at_m[None])[0])
         if math.isfinite(height_m):

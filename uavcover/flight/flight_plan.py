@@ -205,4 +205,4 @@ class FlightTimeouts:
             if not (0.0 < getattr(self, name) < math.inf or endless):
                 raise InputError(f"{name}: {getattr(self, name):g} is not a number above 0")
         if self.link_lost_s < self.deadman_s:
-            raise InputError(f"link_lost_s: {self.link_lost_s:g} s is shorter than deadman_s, {self.deadman_s:g} s")
+            raise InputError(f"link_lost_s: {self.link_lost_s:g} s is shorter than deadman_s ({self.deadman_s:g} s)")

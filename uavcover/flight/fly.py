@@ -152,7 +152,7 @@ class FlightRun:
         if self.simulator is None and not self.orders.confirmed:
             raise FlightFaultError(
                 Ending.NOT_ARMED,
-                f"nothing proves that vehicle {vehicle.system_id} is simulated: add --yes to fly a real vehicle; not touched",
+                f"vehicle {vehicle.system_id} may be a real vehicle, and no command was sent: add --yes to fly it",
             )
         self.session.on_breach = self.precautions.on_breach
         self.session.photos_required = self.precautions.photos_required
@@ -214,10 +214,8 @@ class FlightRun:
             if cause is Ending.RESERVE_KEPT:
                 if landed:
                     return self.outcome(cause)
-                raise FlightFaultError(
-                    Ending.BATTERY_LOW, "the vehicle was left holding, and its reserve is being used"
-                )
-            how = "it returned along checked legs and landed" if landed else "it was left holding"
+                raise FlightFaultError(Ending.BATTERY_LOW, "the vehicle holds its position and uses its reserve")
+            how = "it returned along checked legs and landed" if landed else "it holds its position"
             raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
 
@@ -237,7 +235,7 @@ class FlightRun:
                     continue
                 again, why = False, FlightFaultError(error.ending, str(error))
             except VehicleSilentError as error:
-                session.tell(EventKind.WARNING, f"{error}; following it anyway", alarm=True)
+                session.tell(EventKind.WARNING, f"{error}; the flight is followed anyway", alarm=True)
                 again, why = True, FlightFaultError(Ending.FAILED, str(error))
             landed = not session.client.vehicle.armed
             stops = max(stops, session.stop())
@@ -251,14 +249,15 @@ class FlightRun:
                 raise
             if landed:
                 return True
-            raise FlightFaultError(why.ending, f"{why}; it was followed, and landed and disarmed")
+            raise FlightFaultError(why.ending, f"{why}; the vehicle was followed until it landed and disarmed")
 
     def _wait_until_known(self) -> None:
         session, stops = self.session, self.session.stop()
         while not session.evidence.current:
             if session.stop() > stops:
                 raise FlightFaultError(
-                    Ending.STATE_UNKNOWN, f"{session.watch.text_of(Ending.STATE_UNKNOWN)}; stopped following"
+                    Ending.STATE_UNKNOWN,
+                    f"{session.watch.text_of(Ending.STATE_UNKNOWN)}; the flight is no longer followed",
                 )
             session.pump()
 
@@ -361,6 +360,6 @@ def _refuse_armed(session: Session) -> None:
     if vehicle.armed:
         raise FlightFaultError(
             Ending.NOT_ARMED,
-            f"vehicle {vehicle.system_id} is armed already, in {session.mode_name}; not touched; use --resume "
-            "to continue a flight that ended early",
+            f"vehicle {vehicle.system_id} is already armed, in {session.mode_name}, and no command was sent; use "
+            "--resume to continue a flight that ended early",
         )

@@ -76,25 +76,27 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
         here = session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             raise FlightFaultError(
-                Ending.POSITION_LOST, "the vehicle does not report its position; it was left holding"
+                Ending.POSITION_LOST, "the vehicle does not report its position; it continues to hold"
             )
         try:
             onward = plan_continuation(here.lat_deg, here.lon_deg, here.alt_amsl_m)
         except UavcoverError as error:
-            raise FlightFaultError(Ending.FAILED, f"no checked route from here: {error}; left holding") from error
+            raise FlightFaultError(
+                Ending.FAILED, f"there is no checked route from here: {error}; the vehicle continues to hold"
+            ) from error
         plan = onward.plan
         check_home_position(session, plan)
         flight.limits.look(plan)
         flight.watch_preconditions(plan)
         if onward.upload:
-            session.tell(EventKind.STAGE, "uploading the rest of the mission")
+            session.tell(EventKind.STAGE, "uploading the remaining mission")
             client = session.client
             sent = session.steer(
                 lambda: client.upload_and_verify(plan.mission, in_flight=True), while_in=[hold_mode(session)]
             )
             if not sent.passed:
                 raise FlightFaultError(
-                    Ending.FAILED, "the rest of the mission differs after read-back; the vehicle was left holding"
+                    Ending.FAILED, "the remaining mission differs after read-back; the vehicle continues to hold"
                 )
         if session.stop():
             raise Stopped
@@ -118,6 +120,6 @@ def _refuse_taken(session: Session) -> None:
     if session.client.vehicle.custom_mode not in allowed:
         raise FlightFaultError(
             Ending.NOT_ARMED,
-            f"vehicle {session.client.vehicle.system_id} is in the air in {session.mode_name}: a pilot or a "
-            "failsafe controls it; not touched; land it or switch it to hold, then resume",
+            f"vehicle {session.client.vehicle.system_id} is in the air in {session.mode_name}: a pilot or a failsafe "
+            "controls it, and no command was sent; land it or switch it to hold, then resume",
         )

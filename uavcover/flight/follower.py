@@ -118,7 +118,7 @@ class Follower:
         monitor = self._session.monitor
         if monitor.gap_ended_at_s <= self._known_until_s:
             return ""
-        return f"; the events in the silence of {monitor.gap_s:.0f} s before that is not known"
+        return f"; the events during the silence of {monitor.gap_s:.0f} s before that are not known"
 
     def settle(self) -> None:
         """Find the cause of what happened in the last moment, or in the gap before it."""
@@ -164,8 +164,8 @@ class Follower:
             if self._elsewhere.too_long and self.cause is not None:
                 raise FlightFaultError(
                     self.cause,
-                    f"{self.why}; it has not moved for {self._elsewhere.timeout_s:g} s and is "
-                    "left to the pilot or station that controls it",
+                    f"{self.why}; it has not moved for {self._elsewhere.timeout_s:g} s; the pilot or station that "
+                    "controls it remains in charge",
                 )
             return
         self._elsewhere.restart()
@@ -235,7 +235,7 @@ class Follower:
         self._upside_down = not self._pause()
         then = "returns: press p to continue the mission, or Ctrl-C to return now"
         if self._progress is None:
-            then = "the return is planned again: Ctrl-C leaves it holding"
+            then = "the return is planned again: with Ctrl-C the vehicle continues to hold"
         session.tell(
             EventKind.STOP,
             f"the vehicle therefore holds its position in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
@@ -273,7 +273,7 @@ class Follower:
         if state is HoldState.OVERDUE and hold.purpose is not None:
             session.tell(
                 EventKind.STOP,
-                f"the vehicle has held its position for {session.timeouts.held_s:g} s, and the mission was not continued",
+                f"the vehicle has held its position for {session.timeouts.held_s:g} s without continuing the mission",
             )
             raise Stopped(hold.purpose)
         if state is HoldState.OVER:
@@ -314,7 +314,7 @@ class Follower:
         if self._record_goes_on or stops > self._stops_before + 1:
             raise FlightFaultError(
                 self.cause or Ending.STATE_UNKNOWN,
-                f"{why}; stopped following: the vehicle is left to the pilot or station that controls it",
+                f"{why}; the flight is no longer followed: the pilot or station that controls the vehicle is in charge",
             )
         if self.cause is None:
             if not self._told_to_wait:
@@ -391,7 +391,7 @@ class Follower:
             if self.cause is not None:
                 raise FlightFaultError(
                     self.cause,
-                    f"{self.why}; it is on the ground and stays armed: left to the pilot or station that controls it",
+                    f"{self.why}; it is on the ground and stays armed: the pilot or station that controls it is in charge",
                 )
             if not session.evidence.current:
                 return

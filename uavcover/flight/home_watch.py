@@ -68,7 +68,7 @@ class HomeWatch:
         elif watch.is_open(Ending.HOME_MOVED):
             left = [incident.text for incident in watch.incidents if incident.kind is Ending.BAND_LEFT]
             if left:  # what was flown meanwhile was not as planned, and stays so
-                was = f"the vehicle's home was moved in flight and was put back, and meanwhile {left[-1]}"
+                was = f"the vehicle's home was moved in flight and later restored; meanwhile {left[-1]}"
                 watch.open(Ending.HOME_MOVED, was, math.inf)
             else:
                 watch.measure(Ending.HOME_MOVED, None, "", "the vehicle's home was restored")
@@ -99,7 +99,7 @@ class HomeWatch:
         """Consequence for heights above home of another home altitude."""
         since = "at once" if self._px4 else "from the next item on"
         side, flown = "higher" if off_m > 0.0 else "lower", "return" if self._plan.is_way_home else "mission"
-        text = f"{since} the rest of the {flown} is flown {abs(off_m):.1f} m {side} than planned"
+        text = f"{since} the remaining {flown} is flown {abs(off_m):.1f} m {side} than planned"
         heights_m, volume = self._rest_agl_m(), self._plan.volume
         if volume is None or not len(heights_m):
             return text
@@ -107,7 +107,7 @@ class HomeWatch:
         what, was_m, limit = "largest height", high_m, f"{volume.max_height_agl_m:g} m are allowed"
         if off_m < 0.0:
             what, was_m, limit = "clearance", low_m, f"{volume.min_height_agl_m:g} m are required"
-        text = f"{text}, and its {what} above the ground goes from {was_m:.1f} m to {was_m + off_m:.1f} m"
+        text = f"{text}, and its {what} above the ground changes from {was_m:.1f} m to {was_m + off_m:.1f} m"
         return text if self._plan.is_way_home else f"{text}, where {limit}"  # the band is that of the route
 
     def _rest_agl_m(self) -> FloatArray:
@@ -160,8 +160,8 @@ class HoldState(Enum):
     """State of a hold."""
 
     HOLDS = "the hold continues"
-    OVER = "its reason has ended: the mission may continue"
-    OVERDUE = "its time limit has passed"
+    OVER = "the reason for it has ended: the mission may continue"
+    OVERDUE = "the time limit of the hold has passed"
     LOST = "the vehicle does not hold its position"
 
 

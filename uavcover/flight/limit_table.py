@@ -153,14 +153,14 @@ def _flight_time(values: Mapping[str, float], plan: FlightPlan, *, px4: bool) ->
     )
     end_s, planned_s = needs.longest_flight_s, time_s(needs.pace)
     if end_s is None:
-        weight, matters = Weight.NONE, "by the vehicle's own speeds and acceleration"
+        weight, matters = Weight.NONE, "with the vehicle's own speeds and acceleration"
         if with_turns_s > PREPARATION.late_ratio * planned_s:
             weight, matters = Weight.WARNING, f"it takes longer than planned {matters}: {_slower(own, needs.pace)}"
         return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
     longer = f"it takes longer than the {end_s:g} s that endurance and reserve allow"
-    weight, matters = Weight.NONE, f"by the vehicle's own speeds and acceleration; at most {end_s:g} s"
+    weight, matters = Weight.NONE, f"with the vehicle's own speeds and acceleration; at most {end_s:g} s"
     if by_speeds_s > end_s:
-        weight, matters = Weight.REFUSED, f"by its own speeds {longer}"
+        weight, matters = Weight.REFUSED, f"with its own speeds {longer}"
     elif with_turns_s > end_s:
         weight, matters = Weight.WARNING, f"with its acceleration {longer}"
     return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
@@ -184,7 +184,7 @@ def _home(plan: FlightPlan, alt_amsl_m: float) -> Limit:
     """Heights in the mission are above home: an error in the altitude of home moves the whole route."""
     planned_m, around = plan.home.alt_amsl_m, plan.volume
     off_m = alt_amsl_m - planned_m
-    weight, matters = Weight.NONE, "heights of the mission are above it"
+    weight, matters = Weight.NONE, "the mission has heights above it"
     if abs(off_m) > PREPARATION.home_slack_m:
         side = "higher" if off_m > 0.0 else "lower"
         weight, matters = Weight.WARNING, f"the whole route is flown {abs(off_m):.1f} m {side} than planned"

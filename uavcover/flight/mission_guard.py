@@ -94,7 +94,7 @@ class ListReading:
             held = session.client.download(self._type, stop=stop)
         except FormatError as error:
             held = None
-            difference = f"its mission matches no plan: {error}"
+            difference = f"its mission does not match any plan: {error}"
         except TransferCancelledError:
             if session.client.clock.now() - began_s > GUARD.longest_s:
                 self._note_failure(f"not read in {GUARD.longest_s:g} s")
@@ -123,7 +123,7 @@ class ListReading:
         """Try again later; report the first failure."""
         if not self._failures:
             self._session.tell(
-                EventKind.WARNING, f"the {self._name} could not be read back in flight: {why}; tried again"
+                EventKind.WARNING, f"the {self._name} could not be read back in flight: {why}; this is repeated"
             )
         self._not_before_s = self._session.client.clock.now() + GUARD.again_s * 2.0 ** min(self._failures, 4)
         self._failures += 1
@@ -180,7 +180,7 @@ class ModeOverride:
 
 _WHY = {
     Ending.WIND_ABOVE_LIMITS: ": the wind is too strong for it",
-    Ending.OFF_ROUTE: ", although it holds the planned mission; the cause is unknown",
+    Ending.OFF_ROUTE: ", although it has the planned mission; the cause is unknown",
 }
 
 
@@ -238,7 +238,7 @@ class MissionGuard:
             self._total = current.total
         if current.total != self._total:
             self._changed(
-                f"the vehicle holds {current.total} items instead of {self._total}: another station changed the mission"
+                f"the vehicle has {current.total} items instead of {self._total}: another station changed the mission"
             )
             self._reading.ask()
 
@@ -260,7 +260,7 @@ class MissionGuard:
             self._doubt = Timer(self._session, GUARD.doubt_s)
         elif self._doubt.over:
             self._doubt = None
-            self._changed(f"{sign}: another station set the item that is flown, or changed the mission")
+            self._changed(f"{sign}: another station set the current item, or changed the mission")
             self._reading.ask()
 
     def _wrong_item(self) -> str | None:
@@ -271,17 +271,17 @@ class MissionGuard:
         self._farthest = max(self._farthest, number)
         past = self._plan.is_past_waypoints(current.seq, self._session.autopilot) and not progress.all_reached
         if number > progress.reached_count + 1 or (past and progress.reached_count < self._plan.waypoint_count - 1):
-            return f"the vehicle goes to item {current.seq} and skips waypoint {progress.reached_count}"
+            return f"the vehicle flies to item {current.seq} and skips waypoint {progress.reached_count}"
         return self._item_set_back(current.seq)
 
     def _item_set_back(self, seq: int) -> str | None:
         """Whether the current item is before a waypoint that was flown to, which no mission of ours does."""
         number = self._progress.heading_for
         if 0 <= number < self._farthest:
-            return f"the vehicle goes back to waypoint {number} from {self._farthest}"
+            return f"the vehicle returns to waypoint {number} from {self._farthest}"
         before = self._plan.index_of(seq, self._session.autopilot) < self._plan.first_waypoint_item
         if self._farthest >= 0 and before and not self._progress.all_reached:
-            return f"the vehicle goes back to item {seq}, before its route, from waypoint {self._farthest}"
+            return f"the vehicle returns to item {seq}, before its route, from waypoint {self._farthest}"
         return None
 
     def look_at_place(self) -> None:
@@ -307,7 +307,7 @@ class MissionGuard:
             return
         sign = self._wrong_item()
         if sign is not None:
-            self._changed(f"{text}: {sign}: another station set the item that is flown, or changed the mission")
+            self._changed(f"{text}: {sign}: another station set the current item, or changed the mission")
             self._reading.ask()
             return
         self._read_back(text)
@@ -315,7 +315,7 @@ class MissionGuard:
             return
         position = watch.causes.recent(within_s=GUARD.cause_within_s, among=(Ending.GPS_LOST,))
         wind = watch.causes.recent(within_s=GUARD.warned_within_s, among=(Ending.WIND_ABOVE_LIMITS,))
-        leans = f"it leans by {lean_deg:.0f} degrees toward its leg, but still drifts away from it"
+        leans = f"it is tilted by {lean_deg:.0f} degrees toward its leg, but still drifts away from it"
         if position is not None:
             watch.open(
                 Ending.OFF_ROUTE, f"{text}, but the position may be wrong: {position.text}", off_m,

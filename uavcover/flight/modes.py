@@ -25,14 +25,13 @@ def require_multirotor(client: VehicleClient) -> VehicleInfo:
     """
     vehicle = client.vehicle
     if client.impostor is not None:
-        raise VehicleError(f"{two_in_one(vehicle, client.impostor)}; not touched")
+        raise VehicleError(f"{two_in_one(vehicle, client.impostor)}; no command was sent")
     if vehicle.kind is not VehicleKind.MULTIROTOR:
         name = type_name(vehicle.vehicle_type)
         what = name if vehicle.kind in (VehicleKind.OTHER, VehicleKind.VTOL) else vehicle.kind.value
         raise VehicleError(
-            f"vehicle {vehicle.system_id} says that it is {_a(what)}, MAV_TYPE {vehicle.vehicle_type}; "
-            "uavcover supports only multirotors; not touched: nothing was uploaded, no mode changed, nothing "
-            "armed"
+            f"vehicle {vehicle.system_id} reports that it is {_a(what)}, MAV_TYPE {vehicle.vehicle_type}; uavcover "
+            "supports only multirotors: nothing was uploaded, changed or armed"
         )
     if vehicle.autopilot.firmware is Firmware.OTHER:
         raise VehicleError(f"the flight modes of vehicle {vehicle.system_id}, {vehicle.described}, are unknown")

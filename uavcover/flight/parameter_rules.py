@@ -82,15 +82,15 @@ class Limit:
         name, unit = f" ({self.parameter})" if self.parameter else "", f" {self.unit}" if self.unit else ""
         if self.doing and self.planned is not None:
             return (
-                f"the vehicle {self.doing} at {self.vehicle:g}{unit}{name}, the plan counts on {self.planned:g}{unit}: "
-                f"{self.matters}; plan with the vehicle's speeds, or set the parameter"
+                f"the vehicle {self.doing} at {self.vehicle:g}{unit}{name}, but the plan assumes "
+                f"{self.planned:g}{unit}: {self.matters}; plan with the vehicle's speeds, or set the parameter"
             )
         planned = "" if self.planned is None else f", planned {self.planned:g}{unit}"
         return f"{self.what}: the vehicle has {self.vehicle:g}{unit}{name}{planned}; {self.matters}"
 
     @property
     def line(self) -> str:
-        """The row for people: planned | vehicle | matters because."""
+        """The row for people: planned | vehicle | why it matters."""
         planned = "-" if self.planned is None else f"{self.planned:g} {self.unit}".strip()
         name = f" ({self.parameter})" if self.parameter else ""
         mark = {Weight.WARNING: "! ", Weight.REFUSED: "X "}.get(self.weight, "  ")
@@ -295,8 +295,8 @@ def read_table(document: Mapping[str, Any], file: str) -> ParameterTable:
     keys = {row.key for row in rows}
     for row in rows:
         where = f"{file}: {row.names[0][0]}"
-        _require(row.category in CATEGORIES, where, f"category {row.category!r} is none of {', '.join(CATEGORIES)}")
-        _require(all(names.count(name) == 1 for name, _ in row.names), where, "stands in two rows")
+        _require(row.category in CATEGORIES, where, f"category {row.category!r} is not one of {', '.join(CATEGORIES)}")
+        _require(all(names.count(name) == 1 for name, _ in row.names), where, "appears in two rows")
         _require(
             bool(row.worse) is (row.rule is not None), where, "needs a rule and what breaking it means, or neither"
         )

@@ -70,8 +70,8 @@ def require_answers(client: VehicleClient) -> None:
     if client.heartbeat_age_s < PREPARATION.proof_answer_s:
         own = client.local.system_id
         raise VehicleError(
-            f"vehicle {vehicle.system_id} sends heartbeats, and answers nothing that we, system {own}, send"
-            f"{client.signing_advice()}; it may accept only one ground station (MAV_OPTIONS 1, SYSID_ENFORCE): "
+            f"vehicle {vehicle.system_id} sends heartbeats, but does not answer this program (system "
+            f"{own}){client.signing_advice()}; it may accept only one ground station (MAV_OPTIONS 1, SYSID_ENFORCE): "
             f"set --own-system to the number in its MAV_GCS_SYSID (SYSID_MYGCS), or set that to {own}"
         )
 

@@ -128,7 +128,7 @@ class Preconditions:
             in_force = bool(status.sensors_enabled & _FENCE_BIT)
             self._was_in_force |= in_force
             self._is_off = self._was_in_force and not in_force
-        return "the vehicle's fence was disabled in flight: the vehicle takes no action at it" if self._is_off else ""
+        return "the vehicle's fence was disabled in flight: the vehicle no longer enforces it" if self._is_off else ""
 
     def _look_at_ids(self) -> None:
         client = self._session.client
@@ -315,7 +315,7 @@ class _ListWatch:
         self._plan, self._returns_changed = plan, lambda: None
         if self.text and self._reading is not None and self._type is MissionType.FENCE:
             problem = self._consequence(self._reading.held)
-            self._session.tell(EventKind.WARNING, f"of the fence that was changed in flight: {problem}", alarm=True)
+            self._session.tell(EventKind.WARNING, f"after the change of the fence in flight: {problem}", alarm=True)
 
     def look_once_more(self) -> None:
         """Read it after the landing; a vehicle that is switched off by then is not asked."""
@@ -347,9 +347,9 @@ class _ListWatch:
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
             return (
-                f"the rest of the {flight} leads {outside_m:.0f} m out of it: an active fence would interrupt it there"
+                f"the remaining {flight} leads {outside_m:.0f} m outside it: an active fence would interrupt it there"
             )
-        return f"the rest of the {flight} stays inside it"
+        return f"the remaining {flight} stays inside it"
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:

@@ -76,12 +76,12 @@ class MissionProgress:
         if any(math.isnan(height) for height in heights):
             return f"{to} leads over ground without elevation data"
         if lowest < around.min_height_agl_m - PROGRESS.slack_m:
-            return f"{to} comes within {lowest:.0f} m of the ground, where {around.min_height_agl_m:g} m are required"
+            return f"{to} comes within {lowest:.0f} m of the ground; {around.min_height_agl_m:g} m are required"
         highest = max(heights)
         if highest > around.max_height_agl_m + PROGRESS.slack_m and self._climbs_first:
             return (
                 f"the vehicle climbs in place before it flies to waypoint {self.heading_for}: up to {highest:.0f} m "
-                f"above the ground, where {around.max_height_agl_m:g} m are allowed"
+                f"above the ground; {around.max_height_agl_m:g} m are allowed"
             )
         return None
 

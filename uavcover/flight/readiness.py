@@ -71,8 +71,8 @@ def check_telemetry(session: Session) -> None:
     needed = " and ".join(f"{wanted[kind].least_hz:g}" for kind in rare)
     raise FlightFaultError(
         Ending.NOT_READY,
-        f"the vehicle sends {measured} of vehicle time after {PREPARATION.telemetry_tries} requests; following needs {needed}; "
-        "not started: raise that rate in the autopilot, or use a faster link",
+        f"the vehicle sends {measured} of vehicle time after {PREPARATION.telemetry_tries} requests; following the "
+        f"flight requires {needed}, so it was not started: raise that rate in the autopilot, or use a faster link",
     )
 
 
@@ -202,7 +202,8 @@ def check_home_position(session: Session, plan: FlightPlan) -> None:
     if plan.ground_alt_amsl_m is not None and abs(home.alt_amsl_m - plan.ground_alt_amsl_m) > most_m:
         raise VehicleError(
             f"the vehicle's home is at {home.alt_amsl_m:.1f} m above sea level and the terrain there at "
-            f"{plan.ground_alt_amsl_m:.1f} m, max_home_error_m is {most_m:g}; not started: check the height datum"
+            f"{plan.ground_alt_amsl_m:.1f} m, but max_home_error_m is {most_m:g}, so the flight was not started: "
+            "check the height datum"
         )
 
 
@@ -214,13 +215,14 @@ def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
     where = f"the vehicle's {name} (latitude {place.lat_deg:.7f}, longitude {place.lon_deg:.7f})"
     if aside_m > most_m:
         raise VehicleError(
-            f"{where} is {aside_m:.1f} m from the planned home, max_home_error_m is {most_m:g}; "
-            "not armed: move the vehicle or plan for this home"
+            f"{where} is {aside_m:.1f} m from the planned home, but max_home_error_m is {most_m:g}, so the vehicle "
+            "was not armed: move it or plan for this home"
         )
     if abs(up) > most_m:
         raise VehicleError(
-            f"{where} is at {place.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m {'above' if up > 0 else 'below'} "
-            f"the planned home, max_home_error_m is {most_m:g}; not armed: heights above home would be wrong by this amount"
+            f"{where} is at {place.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m "
+            f"{'above' if up > 0 else 'below'} the planned home, but max_home_error_m is {most_m:g}, so the vehicle "
+            "was not armed: heights above home would be wrong by this amount"
         )
 
 
@@ -235,4 +237,4 @@ def check_mission(session: Session, plan: FlightPlan) -> None:
     held = session.client.download(MissionType.MISSION)
     wrong = fault_text(compare_items(wanted, held, autopilot))
     if wrong is not None:
-        raise VehicleError(f"the vehicle holds another mission: {wrong}; not armed: upload the mission first")
+        raise VehicleError(f"the vehicle has a different mission ({wrong}) and was not armed: upload the mission first")

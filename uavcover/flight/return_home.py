@@ -110,12 +110,12 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         raise _LeftHoldingError(_ASKED)
     here = session.monitor.latest(m.GlobalPositionInt)
     if here is None:
-        raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not report its position; it was left holding")
+        raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not report its position; it continues to hold")
     try:
         mission = plan_return(here.lat_deg, here.lon_deg, here.alt_amsl_m)
         is_clear = clear(mission)
     except (UavcoverError, MissionIoError) as error:
-        raise _LeftHoldingError(f"no checked return from here: {error}") from error
+        raise _LeftHoldingError(f"there is no checked return from here: {error}") from error
     if not is_clear:
         session.tell(EventKind.STOP, "the vehicle holds until the return is clear of other vehicles")
     while not is_clear:
@@ -126,7 +126,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         try:
             is_clear = clear(mission)
         except UavcoverError as error:
-            raise _LeftHoldingError(f"no return that is separated from the other vehicles: {error}") from error
+            raise _LeftHoldingError(f"there is no return that is separated from the other vehicles: {error}") from error
     return mission
 
 
@@ -162,7 +162,7 @@ def _above_moved_home(mission: Mission, up_m: float) -> Mission:
 def _leave(session: Session, why: str) -> bool:
     session.tell(
         EventKind.STOP,
-        f"{why}: the vehicle is left holding in {session.mode_name}, armed and in the air; take over now",
+        f"{why}: the vehicle holds in {session.mode_name}, armed and in the air; take over now",
     )
     return False
 

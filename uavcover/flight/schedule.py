@@ -124,8 +124,8 @@ class FlightSchedule:
         late = not astray and self.late_s > max(SCHEDULE.late_s, SCHEDULE.late_ratio * done_s)
         self._session.watch.measure(
             Ending.LATE, self.late_s if late else None,
-            f"the flight is {self.late_s:.0f} s late: {self.aloft_s:.0f} s in the air where {done_s:.0f} s are planned; it "
-            f"lands after about {self.aloft_s + self.left_s:.0f} s instead of {total_s:.0f} s",
+            f"the flight is {self.late_s:.0f} s late: {self.aloft_s:.0f} s in the air instead of the planned "
+            f"{done_s:.0f} s; it lands after about {self.aloft_s + self.left_s:.0f} s instead of {total_s:.0f} s",
             "the flight is on time again",
         )  # fmt: skip
         self._look_at_reserve(place_m, self.left_s)
@@ -148,8 +148,8 @@ class FlightSchedule:
         below = percent < 100.0 * vehicle.reserve_fraction
         self._session.watch.measure(
             Ending.RESERVE_USED, 100.0 / max(1.0, percent) if below else None,
-            f"the flight uses its reserve: {source} has {max(0.0, percent):.0f} % left, and "
-            f"{100.0 * vehicle.reserve_fraction:.0f} % are to stay",
+            f"the flight uses its reserve: {source} has {max(0.0, percent):.0f} % left, but the reserve is "
+            f"{100.0 * vehicle.reserve_fraction:.0f} %",
             "the battery is above the reserve again",
         )  # fmt: skip
         if self._home_s is None or self._must is not None or use.lasts_on(left_s):
@@ -161,7 +161,7 @@ class FlightSchedule:
         if use.allows(rest_s=left_s, home_s=home_s) is BatteryAllows.GO_HOME:
             self._must = (
                 f"{source} has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
-                f"{home_s:.0f} s and the rest of the mission {left_s:.0f} s, which would use the reserve of "
+                f"{home_s:.0f} s and the remaining mission {left_s:.0f} s, which would use the reserve of "
                 f"{100.0 * vehicle.reserve_fraction:.0f} %; the vehicle returns now"
             )
 

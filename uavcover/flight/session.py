@@ -89,7 +89,7 @@ class Session:
     @property
     def recent_warnings(self) -> str:
         """The vehicle's latest warnings as the end of a sentence; empty when there were none."""
-        return f"; it says: {' | '.join(self._recent_warnings)}" if self._recent_warnings else ""
+        return f"; the vehicle reports: {' | '.join(self._recent_warnings)}" if self._recent_warnings else ""
 
     @property
     def on_mission(self) -> bool:
@@ -125,7 +125,7 @@ class Session:
         try:
             vehicle = self.client.vehicle
         except MisuseError:
-            return "not heard"
+            return "out of contact"
         unproved = "on the ground, as the vehicle reports" if monitor.ground.says_landed else "somewhere"
         where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
@@ -181,7 +181,7 @@ class Session:
     @property
     def _unknown_text(self) -> str:
         return (
-            f"the vehicle is heard, but its state has been unknown for {self.evidence.unknown_s:.0f} s: "
+            f"the vehicle sends messages, but its state has been unknown for {self.evidence.unknown_s:.0f} s: "
             f"{self.evidence.missing} is missing; no command is sent until it arrives"
         )
 

@@ -156,9 +156,12 @@ def _say_items(error: TransferError, user: User) -> None:
             if item.has_position
             else ""
         )
-        user.warn(f"held now: {number}: {name_of(item.command)}{place}")
+        user.warn(f"now on the vehicle: {number}: {name_of(item.command)}{place}")
     if len(error.held_items) > PREPARATION.shown_items:
-        user.warn(f"held now: {len(error.held_items) - PREPARATION.shown_items} more; see: uavcover download")
+        user.warn(
+            f"now on the vehicle: {len(error.held_items) - PREPARATION.shown_items} more; list them with: "
+            "uavcover download"
+        )
 
 
 def say_comparison(user: User, result: ReadBack) -> None:

@@ -77,10 +77,10 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         TerrainError: the files cannot be used.
     """
     if not data.names:
-        raise InputError(f"{data.option}: give elevation data: a raster, a folder or a pattern of tiles")
+        raise InputError(f"{data.option}: specify elevation data: a raster, a folder or a pattern of tiles")
     unit = None if data.height_unit is None else data.height_unit.casefold()
     if unit not in (None, *get_args(HeightUnit)):
-        raise InputError(f"--height-unit: {data.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
+        raise InputError(f"--height-unit: {data.height_unit!r} is not known; use m, dm, cm, ft or us-ft")
     source = TerrainSource(
         find_tiles(data.names, folder=Path(), around=around),
         crs=data.crs,
@@ -94,7 +94,7 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         return source, fitting[0]
     wanted = datum_named(data.vertical_datum)
     if wanted not in fitting and not (wanted == ELLIPSOID and len(fitting) > 1):
-        raise InputError(f"--vertical-datum: {wanted}, but {source} says {fitting[0]}; omit the option")
+        raise InputError(f"--vertical-datum: the option says {wanted}, but {source} says {fitting[0]}; omit the option")
     return source, wanted
 
 
@@ -210,7 +210,7 @@ def write_terrain_files(
             files.setdefault(dat_name(block.south_deg, block.west_deg), {})[block] = parts
     there = [name for name in files if (folder / name).exists()]
     if there and not force:
-        raise OutputError(f"{folder / there[0]}: already exists: choose another folder, or --force to replace it")
+        raise OutputError(f"{folder / there[0]} already exists: choose another folder, or use --force to replace it")
     for name, content in files.items():
         write_file(folder / name, dat_bytes(content))
     return {name: len(content) for name, content in files.items()}
@@ -224,7 +224,7 @@ def _corner_deg(block: TerrainBlock) -> Place:
 def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
     """The blocks that touch a box, found by positions closer together than the sides of a block."""
     if not 10 <= spacing_m <= 1000:
-        raise InputError(f"--spacing: {spacing_m} m is not from 10 to 1000; give the vehicle's TERRAIN_SPACING")
+        raise InputError(f"--spacing: {spacing_m} m is not between 10 and 1000; use the vehicle's TERRAIN_SPACING")
     west, south, east, north = around
     step_deg = 0.9 * STEP_NORTH * spacing_m / EQUATOR_M_PER_DEG
     scale = max(0.01, math.cos(math.radians(max(abs(south), abs(north)))))
@@ -233,8 +233,8 @@ def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
     rows, columns = _with_edges(rows), _with_edges(columns)
     if len(rows) * len(columns) > TERRAIN.max_blocks:
         raise InputError(
-            f"the area takes about {len(rows) * len(columns)} blocks of terrain, more than {TERRAIN.max_blocks}; "
-            "give a part of it, or a larger --spacing"
+            f"the area takes about {len(rows) * len(columns)} blocks of terrain; the limit is {TERRAIN.max_blocks}; "
+            "use a part of the area, or a larger --spacing"
         )
     found = {place_in_block(float(lat), wrapped_deg(float(lon)), spacing_m).block for lat in rows for lon in columns}
     return sorted(found, key=lambda block: (block.south_deg, block.west_deg, block.north, block.east))

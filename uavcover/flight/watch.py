@@ -23,8 +23,8 @@ class ReportReason(Enum):
 
     BEGUN = "it has begun"
     DOUBLED = "it has doubled since the last report"
-    LASTS = "it lasts"
-    ENDED = "it is over"
+    LASTS = "it continues"
+    ENDED = "it has ended"
 
 
 class Alarm:
@@ -278,18 +278,18 @@ class Watch:
         if silence_s > self._timeouts.link_lost_s and self.is_open(
             Ending.LINK_LOST
         ):  # a pause of ours is no silence yet
-            text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
+            text = f"link lost: no message from vehicle {vehicle} for {silence_s:.1f} s"
             self.open(Ending.LINK_LOST, text)
             raise FlightFaultError(Ending.LINK_LOST, f"{text}; check the vehicle and the link")
         if silence_s > self._timeouts.deadman_s:
             self.open(
                 Ending.LINK_LOST,
-                f"nothing from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._timeouts.link_lost_s:g} s",
+                f"no message from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._timeouts.link_lost_s:g} s",
                 silence_s,
             )
         elif self.is_open(Ending.LINK_LOST):
             self._heard_again_at_s = self._client.clock.now()
-            self.close(Ending.LINK_LOST, f"vehicle {vehicle} is heard again")
+            self.close(Ending.LINK_LOST, f"vehicle {vehicle} sends messages again")
 
     def _look_at_heartbeat(self, now: float) -> None:
         """A missing heartbeat while other messages arrive: following continues with these."""
@@ -298,8 +298,8 @@ class Watch:
         if age_s > self._timeouts.heartbeat_s:
             self.open(
                 Ending.HEARTBEAT_LOST,
-                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages "
-                "arrive; its mode, and armed state are unknown",
+                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages arrive; its "
+                "mode and armed state are unknown",
                 age_s,
             )
         elif self.is_open(Ending.HEARTBEAT_LOST):

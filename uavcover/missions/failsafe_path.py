@@ -116,7 +116,7 @@ class _Model:
             case "land":
                 return [self._column("land")]
             case "terminate":
-                return [self._column("land", note="the motors stop: it falls")]
+                return [self._column("land", note="the motors stop: the vehicle falls")]
             case "hold" | "hold-land":
                 return [self._column("stop")]
             case "retrace":
@@ -131,7 +131,7 @@ class _Model:
         """SmartRTL, and what ArduCopter does where its buffer was full or its position bad; that alone without a buffer."""
         if min(self._get["smart_points"], self._get["smart_accuracy_m"]) <= 0.0:
             return otherwise
-        return [self._retrace(), *(replace(one, note=one.note or "when it has no SmartRTL path") for one in otherwise)]
+        return [self._retrace(), *(replace(one, note=one.note or "if there is no SmartRTL path") for one in otherwise)]
 
     def _px4_ways(self) -> list[FailsafePaths]:
         """Paths of a return, by its type.
@@ -147,7 +147,7 @@ class _Model:
             case 1 | 3 if landing is not None and landing < len(self._to.route_m) - 1:
                 return [
                     self._join_landing(climbs=True),
-                    replace(self.direct(), note="when home or a safe point is nearer"),
+                    replace(self.direct(), note="if home or a safe point is nearer"),
                 ]
         return self._direct_ways()
 

@@ -26,7 +26,7 @@ def flight_costs_along_transits(
     """Costs of flights whose transits follow the terrain exactly as the compiler makes them."""
     home, vehicle = site.home_m, site.scenario.vehicle
     if home is None:
-        raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
+        raise InfeasibleError(f"scenario {site.scenario.name} has no [home]")
     points, n, pace = route.waypoints_m, len(route), pace_of(site, autopilot)
     # The waypoint at which photos begin stands twice in the mission and is a stop.
     stops = trigger_distance_m(site.scenario) is not None
@@ -175,7 +175,7 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
     """
     home, vehicle = site.home_m, site.scenario.vehicle
     if home is None or len(route) == 0:
-        raise InfeasibleError(f"scenario {site.scenario.name}: has no [home], or the route no waypoint")
+        raise InfeasibleError(f"scenario {site.scenario.name} has no [home], or the route has no waypoint")
     points, pace = route.waypoints_m, pace_of(site)
     stops = trigger_distance_m(site.scenario) is not None
     way, way_back = (
@@ -263,7 +263,7 @@ def way_home(site: Site, place_m: FloatArray) -> tuple[FloatArray, float]:
     """
     home = site.home_m
     if home is None:
-        raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
+        raise InfeasibleError(f"scenario {site.scenario.name} has no [home]")
     way = transit(site, home[:2], place_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
     return np.vstack([way[::-1], home]), _back_s(pace_of(site), home, way, np.empty((0, 3)))
 

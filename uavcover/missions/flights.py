@@ -11,7 +11,7 @@ from uavcover.missions.timeline import timeline_of
 from uavcover.model.route import MissionSize, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, once
-from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.scenario.vehicle_areas import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
@@ -40,8 +40,8 @@ def compile_flights(
         groups = groups_of(site.scenario) or (tuple(range(1, len(sites) + 1)),)
         if len(groups) != len(route.parts):
             raise InputError(
-                f"the route has {len(route.parts)} parts, and the vehicles of {site.scenario.name} see {len(groups)} parts of "
-                "the area; plan it again"
+                f"the route has {len(route.parts)} parts, but the vehicles of {site.scenario.name} cover "
+                f"{len(groups)} parts of the area; plan the route again"
             )
         unlike = [
             scheduled_unlike(site, _of_groups(site, groups, route, spacing_share=share)) for share in _SPACING_SHARES

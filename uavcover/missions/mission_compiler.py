@@ -83,8 +83,8 @@ def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem
     for key, angle in (("pitch_deg", pitch_deg), ("heading_deg", heading_deg)):
         if angle is not None and not angle.is_integer():
             raise InfeasibleError(
-                f"sensor.{key}: ArduPilot stores gimbal angles in whole degrees and would change {angle:g}; "
-                f"give {round(angle)}"
+                f"sensor.{key}: ArduPilot stores gimbal angles in whole degrees and would change {angle:g}; use "
+                f"{round(angle)}"
             )
     flags = 0 if heading_deg is None else _YAW_LOCK
     yaw_deg = 0.0 if heading_deg is None else heading_deg
@@ -239,8 +239,8 @@ def compile_continuation(
     height_agl_m = float(site.ground.heights_agl_m(here)[0])
     if not height_agl_m >= min(limits.transit_clearance_m, limits.min_height_agl_m):
         raise InfeasibleError(
-            f"the vehicle is {height_agl_m:.1f} m above ground at {lat_deg:.6f}, {lon_deg:.6f}, outside the "
-            "flight limits; a mission that begins in the air needs a vehicle inside them"
+            f"the vehicle is {height_agl_m:.1f} m above ground at {lat_deg:.6f}, {lon_deg:.6f}, outside the flight "
+            "limits; a mission that begins in the air requires a vehicle inside them"
         )
     there = transit(site, here[:2], route.waypoints_m[0], ground_end_height_m=height_agl_m)
     opening = [
@@ -307,7 +307,7 @@ def _compiled(
     before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         raise MissionTooLongError(
-            f"the flight takes {time_s:.0f} s with its transits{before}, {longest_flight_in_words(vehicle)}; "
+            f"the flight takes {time_s:.0f} s with its transits{before}, but {longest_flight_in_words(vehicle)}; "
             "require less coverage (--select), or plan a smaller area"
         )
     used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
@@ -397,9 +397,9 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
         # A problem without an item concerns the whole list: too many items, of which a mission can be split.
         is_mission = mission_type_of(content) is MissionType.MISSION
         refused = MissionTooLongError if problems[0].item is None and is_mission else InfeasibleError
-        raise refused(f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}")
+        raise refused(f"{autopilot.name} would not accept this {mission_type_of(content).name.lower()}: {problems[0]}")
     if item_limit is not None and mission_type_of(content) is MissionType.MISSION and len(items) > item_limit:
-        raise MissionTooLongError(f"the mission has {len(items)} items, vehicle.max_mission_items is {item_limit}")
+        raise MissionTooLongError(f"the mission has {len(items)} items, but vehicle.max_mission_items is {item_limit}")
 
 
 def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:

@@ -7,7 +7,7 @@ import numpy as np
 from uavcover.missions.objectives import judge_member
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.scenario.vehicle_areas import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.site_maps import fleet_map, map_for
 

@@ -148,8 +148,8 @@ def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | 
     weight_m2 = coverage.grid.weight_m2[coverable]
     if not weight_m2.size:
         raise InfeasibleError(
-            "area: none of it can be observed from inside the fence and the height band; check sensor.range_m, the heights in "
-            "[limits], and the no-fly zones"
+            "area: no part of it can be observed from inside the fence and the height band; check sensor.range_m, "
+            "the heights in [limits], and the no-fly zones"
         )
     if any(each.home_m is None or each.scenario.vehicle.longest_flight_s is None for each in sites):
         return
@@ -168,9 +168,10 @@ def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | 
     if share > 0.0 and share >= (required or 0.0):
         return
     raise InfeasibleError(
-        f"flights from [home] reach {share:.0%} of the visible ground, of which {required or 1.0:.0%} is required: a flight to "
-        f"the farthest takes {least_s.max():.0f} s or more, {longest_flight_in_words(site.scenario.vehicle)}; move [home] "
-        "nearer, plan a smaller area, or require less coverage (--select)"
+        f"flights from [home] reach {share:.0%} of the visible ground, of which {required or 1.0:.0%} is required: a "
+        f"flight to the farthest cells takes at least {least_s.max():.0f} s, but "
+        f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, plan a smaller area, or require less "
+        "coverage (--select)"
     )
 
 
@@ -265,7 +266,7 @@ def _compile(site: Site, route: Route, *, autopilot: AutopilotName, most_points:
     compiled = compile_mission(site, route, autopilot=autopilot)
     if most_points is not None and len(compiled.path_m) > most_points:
         raise MissionTooLongError(
-            f"the flight has {len(compiled.path_m)} points with its transits, of which {most_points} are allowed"
+            f"the flight has {len(compiled.path_m)} points with its transits; the limit is {most_points}"
         )
     return compiled
 
@@ -303,7 +304,7 @@ def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
     if least[worst] > costs.endurance_s:
         what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
         return (
-            f"{what}: flown alone it takes {least[worst]:.0f} s with its transits, "
+            f"{what}: flown alone it takes {least[worst]:.0f} s with its transits, but "
             f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
         )
     used = np.array([battery_s(costs.energies, int(first), int(first) + step) for first in firsts])
@@ -318,5 +319,5 @@ def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
     most = int(np.argmax(items))
     if items[most] > costs.item_limit:
         what = f"the leg to waypoint {most + 1}" if step else f"waypoint {most}"
-        return f"{what}: a flight there and home has {items[most]} points or items, of which {costs.item_limit:g} are allowed"
+        return f"{what}: a flight there and home has {items[most]} points or items; the limit is {costs.item_limit:g}"
     return f"the route cannot be split into flights: {refusal}"

@@ -59,7 +59,7 @@ def timeline_of(site: Site, sortie: Sortie, *, autopilot: AutopilotName) -> Time
     """
     home = site.home_m
     if home is None:
-        raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
+        raise InfeasibleError(f"scenario {site.scenario.name} has no [home]")
     pace, path = pace_of(site, autopilot), sortie.compiled.path_m
     if trigger_distance_m(site.scenario) is not None:
         # The waypoint at which photos begin stands twice in the mission and is a stop.

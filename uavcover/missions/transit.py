@@ -37,12 +37,12 @@ def frame_and_home(site: Site) -> tuple[LocalFrame, FloatArray]:
     """
     if site.frame is None:
         raise InputError(
-            f"scenario {site.scenario.name}: has no position on Earth, so there is no mission to fly; "
-            "give it an [origin] and a [home]"
+            f"scenario {site.scenario.name} has no position on Earth, so there is no mission to fly; add an [origin] "
+            "and a [home]"
         )
     if site.home_m is None:
         raise InputError(
-            f"scenario {site.scenario.name}: has no [home]; a mission needs a take-off and landing position"
+            f"scenario {site.scenario.name} has no [home]; a mission needs a take-off and landing position"
         )
     return site.frame, site.home_m
 

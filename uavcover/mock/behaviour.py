@@ -67,15 +67,15 @@ class Settings:
 class TransferClock(Enum):
     """The clock on which mission transfers time out."""
 
-    LINK = "seconds of the link, however fast the vehicle's time runs"
+    LINK = "seconds of the link, independent of the speed of the vehicle's time"
     VEHICLE = "vehicle time, as simulated autopilots do"
 
 
 class GroundSource(Enum):
     """Source of the terrain heights."""
 
-    KNOWN = "it has the ground on its memory card"
-    GROUND_STATION = "it asks with TERRAIN_REQUEST and has what was answered"
+    KNOWN = "the ground is on its memory card"
+    GROUND_STATION = "it requests the ground with TERRAIN_REQUEST"
 
 
 _EVERYTHING: Mapping[type[m.Message], float] = MappingProxyType(

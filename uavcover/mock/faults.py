@@ -38,9 +38,9 @@ class FaultKind(Enum):
 class Since(Enum):
     """Start of a fault's time."""
 
-    BOOT = "seconds after it was switched on"
-    TAKE_OFF = "seconds after it first left the ground"
-    ITEM = "the mission item (its number on the wire) that it flies to"
+    BOOT = "seconds after the vehicle was switched on"
+    TAKE_OFF = "seconds after the vehicle first left the ground"
+    ITEM = "the current mission item (its number on the wire)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,27 +108,27 @@ class Argument:
 
 
 _ON_THE_LINKS_CLOCK = (FaultKind.HEARTBEAT_LOSS, FaultKind.LINK_OUTAGE)
-_SECONDS = "seconds of vehicle time, without it for good"
-_LINK_SECONDS = "seconds on the link's clock, without it for good"
+_SECONDS = "seconds of vehicle time; permanent if omitted"
+_LINK_SECONDS = "seconds on the link's clock; permanent if omitted"
 
 ARGUMENTS: dict[FaultKind, Argument] = {
     FaultKind.HEARTBEAT_LOSS: Argument(_LINK_SECONDS),
     FaultKind.GPS_LOSS: Argument(_SECONDS),
-    FaultKind.BATTERY_FAILSAFE: Argument("what it does: return or land", modes=(Mode.RETURN, Mode.LAND)),
+    FaultKind.BATTERY_FAILSAFE: Argument("the action: return or land", modes=(Mode.RETURN, Mode.LAND)),
     FaultKind.PILOT_MODE: Argument(
         "the mode: hold, land, return, guided or manual",
         modes=(Mode.HOLD, Mode.LAND, Mode.RETURN, Mode.GUIDED, Mode.MANUAL),
     ),
-    FaultKind.REBOOT: Argument("seconds of vehicle time without power, 3 when not given", default=3.0),
-    FaultKind.LINK_OUTAGE: Argument("seconds on the link's clock, 10 when not given", default=10.0),
+    FaultKind.REBOOT: Argument("seconds of vehicle time without power; default: 3", default=3.0),
+    FaultKind.LINK_OUTAGE: Argument("seconds on the link's clock; default: 10", default=10.0),
     FaultKind.STUCK: Argument(_SECONDS),
     FaultKind.ARMING_REFUSED: Argument(_SECONDS),
-    FaultKind.MISSION_LOWERED: Argument("metres, 25 when not given", default=25.0),
-    FaultKind.GPS_GLITCH: Argument("metres, 60 when not given, for 20 s", default=60.0),
-    FaultKind.SPEED_CHANGED: Argument("metres per second, 3 when not given", default=3.0),
-    FaultKind.STRONG_WIND: Argument("metres per second, 25 when not given", default=25.0),
-    FaultKind.CAMERA_STOPS: Argument("number of photos after which it takes no more, 4 when not given", default=4.0),
-    FaultKind.CAMERA_SKIPS: Argument("number of triggers for one photo, 10 when not given", default=10.0),
+    FaultKind.MISSION_LOWERED: Argument("metres; default: 25", default=25.0),
+    FaultKind.GPS_GLITCH: Argument("metres, for 20 s; default: 60", default=60.0),
+    FaultKind.SPEED_CHANGED: Argument("metres per second; default: 3", default=3.0),
+    FaultKind.STRONG_WIND: Argument("metres per second; default: 25", default=25.0),
+    FaultKind.CAMERA_STOPS: Argument("number of photos after which the camera fails; default: 4", default=4.0),
+    FaultKind.CAMERA_SKIPS: Argument("number of triggers for one photo; default: 10", default=10.0),
 }
 """The argument of each fault; a fault that is not listed takes none."""
 
@@ -167,7 +167,7 @@ def parse_fault(text: str) -> Fault:
     argument = ARGUMENTS.get(kind)
     if argument is None:
         if written["argument"] is not None:
-            raise InputError(f"fault {text!r}: {kind.value} takes nothing after a colon")
+            raise InputError(f"fault {text!r}: {kind.value} does not accept a value after the colon")
         return Fault(kind, trigger)
     if argument.modes:
         return Fault(kind, trigger, mode=_parse_mode(text, written["argument"], argument))
@@ -181,7 +181,7 @@ def _default_trigger(kind: FaultKind) -> FaultTrigger:
 def _parse_trigger(text: str, moment: str) -> FaultTrigger:
     written = _MOMENT.fullmatch(moment)
     if written is None:
-        raise InputError(f"fault {text!r}: {moment!r} is not a moment; write 40s, boot+40s or item5")
+        raise InputError(f"fault {text!r}: {moment!r} is not a time or item; write 40s, boot+40s or item5")
     if written["item"] is not None:
         return FaultTrigger(Since.ITEM, float(written["item"]))
     return FaultTrigger(Since.BOOT if written["boot"] else Since.TAKE_OFF, float(written["seconds"]))

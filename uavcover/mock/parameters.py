@@ -33,7 +33,7 @@ class MockParameter:
 
     def __post_init__(self) -> None:
         if self.attribute and self.attribute not in Settings.__slots__:
-            raise ValueError(f"{self.attribute!r} is none of {', '.join(Settings.__slots__)}")
+            raise ValueError(f"{self.attribute!r} is not one of {', '.join(Settings.__slots__)}")
 
 
 def _parameters(autopilot: AutopilotId) -> Mapping[str, MockParameter]:

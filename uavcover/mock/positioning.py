@@ -186,7 +186,7 @@ class TruthFile:
         try:
             self._file = path.open("w", newline="", encoding="utf-8", buffering=1)
         except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+            raise InputError(f"{path}: the file cannot be written: {error.strerror}") from None
         self._rows = csv.writer(self._file, lineterminator="\n")
         self._rows.writerow(field.name for field in fields(TruthSample))
 

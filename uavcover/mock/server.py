@@ -52,7 +52,7 @@ class MockServer(Closing):
         if not speed > 0.0:
             raise InputError(f"speed: {speed} must be above 0")
         if not 0.0 <= loss < 1.0:
-            raise InputError(f"loss: {loss} is not from 0 to below 1")
+            raise InputError(f"loss: {loss} must be at least 0 and below 1")
         self._port = kind(host, port)
         self._loss, self._rng = loss, rng if rng is not None else Random(0)
         self._now = time.monotonic()
@@ -123,7 +123,9 @@ def run(
     """
     place = parse_link_url(url)
     if place.scheme not in ("udpin", "udpout", "tcpin"):
-        raise InputError(f"{url!r}: the mock vehicle does not listen there; use udpin://HOST:PORT or tcpin://HOST:PORT")
+        raise InputError(
+            f"{url!r}: the mock vehicle cannot listen at this URL; use udpin://HOST:PORT or tcpin://HOST:PORT"
+        )
     stop = threading.Event()
 
     def end(number: int, frame: FrameType | None) -> None:

@@ -53,16 +53,16 @@ class Outline:
             "geojson",
         )  # fmt: skip
         given = [key for key in keys if getattr(self, key) is not None]
-        require(len(given) == 1, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
+        require(len(given) == 1, f"specify exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
         for key in ("layer", "feature", "crs", "make_valid", "swap_axes"):
-            require(self.file is not None or not getattr(self, key), f"{key}: requires file")
+            require(self.file is not None or not getattr(self, key), f"{key}: this key requires file")
         require(
             not self.holes_lon_lat_deg or self.polygon_lon_lat_deg is not None,
-            "holes_lon_lat_deg: requires polygon_lon_lat_deg",
+            "holes_lon_lat_deg: this key requires polygon_lon_lat_deg",
         )
         require(
             not self.holes_east_north_m or self.polygon_east_north_m is not None,
-            "holes_east_north_m: requires polygon_east_north_m",
+            "holes_east_north_m: this key requires polygon_east_north_m",
         )
         require_lon_lat(self.polygon_lon_lat_deg or (), "polygon_lon_lat_deg")
         for hole in self.holes_lon_lat_deg:
@@ -72,7 +72,9 @@ class Outline:
                 require_lon_lat(ring, f"polygons_lon_lat_deg.{number}")
         for key in ("polygons_lon_lat_deg", "polygons_east_north_m"):
             parts = getattr(self, key)
-            require(parts is None or (parts and all(parts)), f"{key}: a list of polygons, each a list of rings")
+            require(
+                parts is None or (parts and all(parts)), f"{key}: expected a list of polygons, each a list of rings"
+            )
 
     @property
     def is_geographic(self) -> bool:

@@ -31,7 +31,7 @@ class Home:
         any_local = self.east_m is not None or self.north_m is not None
         require(
             (geographic and not any_local) or (local and not any_geographic),
-            "give lat_deg and lon_deg, or east_m and north_m",
+            "specify lat_deg and lon_deg, or east_m and north_m",
         )
         require(self.lat_deg is None or abs(self.lat_deg) <= 90.0, f"lat_deg: {self.lat_deg} is outside -90..90")
         require(self.lon_deg is None or abs(self.lon_deg) <= 180.0, f"lon_deg: {self.lon_deg} is outside -180..180")

@@ -63,13 +63,13 @@ class FlightLimits:
         require_positive(max_home_error_m=self.max_home_error_m)
         require(
             self.max_height_agl_m - self.min_height_agl_m > 2.0 * self.height_margin_m,
-            f"max_height_agl_m: the band {self.min_height_agl_m}..{self.max_height_agl_m} m leaves nothing inside "
+            f"max_height_agl_m: the band {self.min_height_agl_m}..{self.max_height_agl_m} m is too narrow for "
             f"height_margin_m = {self.height_margin_m} at both ends",
         )
         ceiling = self.max_transit_height_agl_m
         require(
             ceiling is None or ceiling > self.transit_clearance_m + self.height_margin_m,
-            f"max_transit_height_agl_m: {ceiling} leaves nothing above transit_clearance_m and height_margin_m",
+            f"max_transit_height_agl_m: {ceiling} is too low for transit_clearance_m and height_margin_m",
         )
         require(
             0.0 < self.max_climb_angle_deg < 90.0,
@@ -83,13 +83,13 @@ class FlightLimits:
         given = [key for key in FENCE_KEYS if getattr(self, key) is not None]
         require(
             len(given) <= 1,
-            f"{given[0] if given else ''}: give the fence once, not also as {given[-1] if given else ''}",
+            f"{given[0] if given else ''}: specify the fence once, not also as {given[-1] if given else ''}",
         )
         require_lon_lat(self.fence_lon_lat_deg or (), "fence_lon_lat_deg")
         for number, ring in enumerate(self.fence_polygons_lon_lat_deg or ()):
             require_lon_lat(ring, f"fence_polygons_lon_lat_deg.{number}")
         for key in FENCE_KEYS[2:]:
-            require(getattr(self, key) != (), f"{key}: is empty; give a list of rings, or omit it")
+            require(getattr(self, key) != (), f"{key}: the list is empty; specify a list of rings, or omit it")
 
     @property
     def fence_key(self) -> str | None:

@@ -70,19 +70,22 @@ class NoFly:
 
     def __post_init__(self) -> None:
         given = [key for key in OUTLINES if getattr(self, key) is not None]
-        require(len(given) == 1, f"give exactly one of {', '.join(OUTLINES[:-1])} and {OUTLINES[-1]}")
-        require(self.file is None or bool(self.file.strip()), "file: is empty; give a file of zones")
+        require(len(given) == 1, f"specify exactly one of {', '.join(OUTLINES[:-1])} and {OUTLINES[-1]}")
+        require(self.file is None or bool(self.file.strip()), "file: the name is empty; specify a file with zones")
         for key in ("ignore", "make_valid"):
-            require(not getattr(self, key) or self.file is not None, f"{key}: requires file")
+            require(not getattr(self, key) or self.file is not None, f"{key}: this key requires file")
         circle = self.center_lon_lat_deg is not None or self.center_east_north_m is not None
-        require(circle == (self.radius_m is not None), "radius_m: requires center_lon_lat_deg or center_east_north_m")
+        require(
+            circle == (self.radius_m is not None),
+            "radius_m: this key requires center_lon_lat_deg or center_east_north_m",
+        )
         require_not_negative(margin_m=self.margin_m)
         require(self.margin_m <= 1000.0, f"margin_m: {self.margin_m} m must be at most 1000 m")
         if self.radius_m is not None:
             require_positive(radius_m=self.radius_m)
         require_lon_lat(self.polygon_lon_lat_deg or (), "polygon_lon_lat_deg")
         for number, rings in enumerate(self.polygons_lon_lat_deg or ()):
-            require(bool(rings), "polygons_lon_lat_deg: a list of polygons, each a list of rings")
+            require(bool(rings), "polygons_lon_lat_deg: expected a list of polygons, each a list of rings")
             for ring in rings:
                 require_lon_lat(ring, f"polygons_lon_lat_deg.{number}")
         if self.center_lon_lat_deg is not None:

@@ -29,7 +29,7 @@ class Obstacle:
         require_positive(height_m=self.height_m)
         require(
             bool(self.rings_lon_lat_deg) != bool(self.rings_east_north_m),
-            "rings: give exactly one of rings_lon_lat_deg and rings_east_north_m",
+            "rings: specify exactly one of rings_lon_lat_deg and rings_east_north_m",
         )
         for ring in self.rings_lon_lat_deg:
             require_lon_lat(ring, "rings_lon_lat_deg")

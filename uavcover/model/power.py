@@ -65,7 +65,7 @@ class PowerModel:
             f"uncertainty_fraction: {self.uncertainty_fraction} is outside 0..1",
         )
         for key in ("payload_kg", "rotor_area_m2", "body_drag_area_m2"):
-            require(not getattr(self, key) or self.mass_kg is not None, f"{key}: needs mass_kg as well")
+            require(not getattr(self, key) or self.mass_kg is not None, f"{key}: this key requires mass_kg")
         require(
             self.rotor_area_m2 is None or self.hover_induced_m_s is None,
             "hover_induced_m_s: rotor_area_m2 defines it already; remove one of them",

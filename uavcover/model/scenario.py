@@ -143,7 +143,7 @@ class PlannerSettings:
 
     def __post_init__(self) -> None:
         if not isinstance(self.rally, str):
-            require(self.rally != (), 'rally: is empty; give positions, "home" or "auto"')
+            require(self.rally != (), 'rally: the list is empty; specify positions, "home" or "auto"')
             require_lon_lat(self.rally, "rally")
         require(self.population_size >= 20, f"population_size: {self.population_size} is below 20")
         require(
@@ -160,14 +160,14 @@ class PlannerSettings:
         )
         require(
             self.algorithm not in {"lines", "contour-lines"} or self.encoding == "swaths",
-            f'encoding: "waypoints" are not lines; omit it with algorithm = "{self.algorithm}"',
+            f'encoding: "waypoints" does not apply to lines; omit it with algorithm = "{self.algorithm}"',
         )
         require(self.capacity >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
         require_not_negative(band_deviation_price=self.band_deviation_price, waypoint_price=self.waypoint_price or 0.0)
         require(self.seed >= 0, f"seed: {self.seed} must not be negative")
         require(
             self.parts == "auto" or self.parts >= 1,
-            f'parts: {self.parts} is below 1; give a number of parts, or "auto"',
+            f'parts: {self.parts} is below 1; specify a number of parts, or "auto"',
         )
         if self.cell_size_m is not None:
             require_positive(cell_size_m=self.cell_size_m)
@@ -221,32 +221,34 @@ class Requirements:
     def __post_init__(self) -> None:
         require(
             0.0 <= self.min_coverage_of_coverable <= 1.0,
-            f"min_coverage_of_coverable: {self.min_coverage_of_coverable} is a share, 0..1",
+            f"min_coverage_of_coverable: {self.min_coverage_of_coverable} must be between 0 and 1",
         )
         sure = self.min_sure_coverage_of_coverable
-        require(sure is None or 0.0 <= sure <= 1.0, f"min_sure_coverage_of_coverable: {sure} is a share, 0..1")
+        require(sure is None or 0.0 <= sure <= 1.0, f"min_sure_coverage_of_coverable: {sure} must be between 0 and 1")
         overlap = self.min_overlap_fraction
         require(
-            overlap is None or 0.0 < overlap <= 1.0, f"min_overlap_fraction: {overlap} is no share above 0, up to 1"
+            overlap is None or 0.0 < overlap <= 1.0, f"min_overlap_fraction: {overlap} must be above 0 and at most 1"
         )
         require(1 <= self.looks <= 20, f"looks: {self.looks} is outside 1..20")
         require(
             self.looks == 1 or self.look_distance_m is not None,
-            "look_distance_m: is needed with more than one look: nearer waypoints count as one",
+            "look_distance_m: this key is required with more than one look: nearer waypoints count as one",
         )
         require(
             self.look_distance_m is None or (self.look_distance_m > 0.0 and self.looks > 1),
-            "look_distance_m: must be above 0, and requires more than one look",
+            "look_distance_m: the value must be above 0, and the key requires more than one look",
         )
         require_positive(max_gap_s=self.max_gap_s, max_unobserved_gap_s=self.max_unobserved_gap_s)
         require(
             0.0 <= self.max_unobserved_fraction <= 1.0,
-            f"max_unobserved_fraction: {self.max_unobserved_fraction} is a share, 0..1",
+            f"max_unobserved_fraction: {self.max_unobserved_fraction} must be between 0 and 1",
         )
-        require(self.max_deviation_m is None or self.max_deviation_m > 0.0, "max_deviation_m: must be above 0")
+        require(
+            self.max_deviation_m is None or self.max_deviation_m > 0.0, "max_deviation_m: the value must be above 0"
+        )
         require(
             self.max_ground_speed_m_s is None or self.max_ground_speed_m_s > 0.0,
-            "max_ground_speed_m_s: must be above 0",
+            "max_ground_speed_m_s: the value must be above 0",
         )
 
 
@@ -302,7 +304,7 @@ class Scenario:
     def __post_init__(self) -> None:
         require(
             self.requirements.min_overlap_fraction is None or all(v.sensor is None for v in self.vehicles),
-            "requirements.min_overlap_fraction: is that of one camera; omit it where vehicles have their own sensors",
+            "requirements.min_overlap_fraction: this key is for a single camera; omit it when vehicles have their own sensors",
         )
         for number, vehicle in enumerate(self.vehicles):
             link, system_id = vehicle.link, vehicle.system_id
@@ -311,12 +313,12 @@ class Scenario:
             for other, before in enumerate(self.vehicles[:number]):
                 require(
                     before.link != link or None not in (system_id, before.system_id),
-                    f"vehicle.{number}.link: {link} is that of vehicle.{other}; each vehicle needs its own link, or a "
-                    "system_id",
+                    f"vehicle.{number}.link: {link} is already used by vehicle.{other}; each vehicle needs its own "
+                    "link, or a system_id",
                 )
                 require(
                     before.link != link or system_id != before.system_id,
-                    f"vehicle.{number}.system_id: {system_id} at {link} is vehicle.{other}",
+                    f"vehicle.{number}.system_id: {system_id} at {link} is already used by vehicle.{other}",
                 )
         self._require_fits(self.sensor, "sensor")
         for number, vehicle in enumerate(self.vehicles):
@@ -326,12 +328,13 @@ class Scenario:
             window_of(*self.flight_window_utc, "flight_window_utc")
         require(
             len(self.vehicles) in (0, self.fleet.vehicles),
-            f"fleet.vehicles: is {self.fleet.vehicles}, and [[vehicle]] lists {len(self.vehicles)} that are not alike",
+            f"fleet.vehicles: the value is {self.fleet.vehicles}, but there are {len(self.vehicles)} different "
+            "[[vehicle]] tables",
         )
         require(
             bool(self.vehicles) or not self.fleet.one_at_a_time,
-            "fleet.one_at_a_time: is for vehicles that differ, or one with launch points; give each a [[vehicle]], or a "
-            "[[launch_point]]",
+            "fleet.one_at_a_time: this key is for vehicles that differ, or for one with launch points; add a "
+            "[[vehicle]] for each, or a [[launch_point]]",
         )
         for number, vehicle in enumerate(self.vehicles or (self.vehicle,)):
             airspeed, which = vehicle.max_airspeed_m_s, f"vehicle.{number}" if self.vehicles else "vehicle"
@@ -342,23 +345,25 @@ class Scenario:
                 )
         require(
             self.planner.objective not in {"mission-time", "energy"} or self.home is not None,
-            f'planner.objective: "{self.planner.objective}" needs a [home], from which the mission starts',
+            f'planner.objective: "{self.planner.objective}" needs a [home], where the mission starts',
         )
         if self.area.is_geographic:
-            require(self.home is not None, "home: give lat_deg and lon_deg of the take-off position")
+            require(self.home is not None, "home: specify lat_deg and lon_deg of the take-off position")
             require(self.terrain.kind == "raster", "terrain.kind: a geographic area needs raster terrain")
-            require(self.home is None or self.home.lat_deg is not None, "home: give lat_deg and lon_deg")
+            require(self.home is None or self.home.lat_deg is not None, "home: specify lat_deg and lon_deg")
             for number, vehicle in enumerate(self.vehicles):
                 which = f"launch_point.{number - 1}" if self.has_launch_points else f"vehicle.{number}.home"
-                require(vehicle.home is None or vehicle.home.lat_deg is not None, f"{which}: give lat_deg and lon_deg")
+                require(
+                    vehicle.home is None or vehicle.home.lat_deg is not None, f"{which}: specify lat_deg and lon_deg"
+                )
         else:
             require(
                 self.terrain.kind != "raster" or self.origin is not None,
-                "origin: raster terrain under an area in metres needs the origin of the local frame",
+                "origin: raster terrain with an area in metres requires an [origin] for the local frame",
             )
             require(
                 self.home is None or self.home.east_m is not None or self.origin is not None,
-                "home: lat_deg and lon_deg need an origin; give east_m and north_m, or an [origin]",
+                "home: lat_deg and lon_deg need an origin; use east_m and north_m, or add an [origin]",
             )
 
     @property
@@ -381,13 +386,13 @@ class Scenario:
         )
         require(
             self.requirements.looks == 1 or not sensor.looks_along_path,
-            f'requirements.looks: more than one requires {key}.sensing = "at-waypoints"; along the path give a frame '
-            "camera's side_overlap",
+            f'requirements.looks: more than one look requires {key}.sensing = "at-waypoints"; along the path, use a '
+            "frame camera's side_overlap",
         )
         require(
             self.requirements.min_overlap_fraction is None or sensor.asks_overlap,
-            "requirements.min_overlap_fraction: requires a frame camera's forward_overlap and side_overlap; give these, or "
-            "omit it",
+            "requirements.min_overlap_fraction: this key requires a frame camera's forward_overlap and side_overlap; "
+            "add them, or omit it",
         )
         require(
             self.area.cell_size_m <= reach_m,

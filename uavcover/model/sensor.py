@@ -255,21 +255,24 @@ class FrameCamera(SensorBase):
         )
         require(
             self.heading_deg is None or self.mount == "stabilised",
-            'heading_deg: requires mount = "stabilised"; a fixed camera turns with the vehicle, which follows its legs',
+            'heading_deg: this key requires mount = "stabilised"; a fixed camera turns with the vehicle, which follows its legs',
         )
         require(
             self.heading_deg is not None or self.sensing == "along-path",
-            'heading_deg: is needed with sensing = "at-waypoints", because no leg defines the heading of the photo',
+            'heading_deg: this key is required with sensing = "at-waypoints", because no leg defines the heading of the photo',
         )
         self._require_overlaps()
 
     def _require_overlaps(self) -> None:
         for key, share in (("forward_overlap", self.forward_overlap), ("side_overlap", self.side_overlap)):
-            require(share is None or 0.0 <= share < 1.0, f"{key}: {share} is not a share of a photo, 0 to below 1")
-        require(self.trigger_distance_m is None or self.trigger_distance_m > 0.0, "trigger_distance_m: must be above 0")
+            require(share is None or 0.0 <= share < 1.0, f"{key}: {share} must be at least 0 and below 1")
+        require(
+            self.trigger_distance_m is None or self.trigger_distance_m > 0.0,
+            "trigger_distance_m: the value must be above 0",
+        )
         require(
             self.forward_overlap is None or self.trigger_distance_m is None,
-            "trigger_distance_m: give it or forward_overlap, not both",
+            "trigger_distance_m: use either this key or forward_overlap, not both",
         )
         for key, value in (("forward_overlap", self.forward_overlap), ("trigger_distance_m", self.trigger_distance_m)):
             require(
@@ -361,8 +364,8 @@ class FrameCamera(SensorBase):
         picture = self.flat_picture(lowest_agl_m)
         if picture is None:
             raise ScenarioError(
-                f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_agl_m:g} m no flat ground is "
-                "within the limits of the photo; use another pitch_deg, range_m or max_ground_sample_m"
+                f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_agl_m:g} m no flat ground is within "
+                "the limits of the photo; change pitch_deg, range_m or max_ground_sample_m"
             )
         return (1.0 - self.forward_overlap) * picture.length_m
 
@@ -389,11 +392,11 @@ def _require_incidence(max_incidence_deg: float) -> None:
 
 
 def _require_pixels(pixels_across: int | None, max_ground_sample_m: float | None) -> None:
-    require(pixels_across is None or pixels_across > 0, "pixels_across: must be above 0")
-    require(max_ground_sample_m is None or max_ground_sample_m > 0.0, "max_ground_sample_m: must be above 0")
+    require(pixels_across is None or pixels_across > 0, "pixels_across: the value must be above 0")
+    require(max_ground_sample_m is None or max_ground_sample_m > 0.0, "max_ground_sample_m: the value must be above 0")
     require(
         max_ground_sample_m is None or pixels_across is not None,
-        "max_ground_sample_m: needs pixels_across, from which the size of a pixel follows",
+        "max_ground_sample_m: this key requires pixels_across, which defines the size of a pixel",
     )
 
 

@@ -57,25 +57,30 @@ class RasterTerrain:
     surface_hides_m: float = 2.0
 
     def __post_init__(self) -> None:
-        require(bool(self.file), "file: is empty; give an elevation file")
-        require(self.surface_file is None or bool(self.surface_file), "surface_file: is empty; give a surface model")
+        require(bool(self.file), "file: the name is empty; specify an elevation file")
+        require(
+            self.surface_file is None or bool(self.surface_file),
+            "surface_file: the name is empty; specify a surface model",
+        )
         for key in ("surface_vertical_datum", "surface_crs", "surface_band", "surface_height_unit"):
             require(
                 self.surface_file is not None or getattr(self, key) is None,
-                f"{key}: describes a surface model; add surface_file, or omit it",
+                f"{key}: this key describes a surface model; add surface_file, or omit the key",
             )
         band = self.surface_band
-        require(not isinstance(band, int) or band >= 1, f"surface_band: {band} is below 1, the first band")
+        require(not isinstance(band, int) or band >= 1, f"surface_band: {band} must be at least 1 (the first band)")
         require_positive(surface_hides_m=self.surface_hides_m)
-        require(not isinstance(self.band, int) or self.band >= 1, f"band: {self.band} is below 1, the first band")
+        require(
+            not isinstance(self.band, int) or self.band >= 1, f"band: {self.band} must be at least 1 (the first band)"
+        )
         require_not_negative(fill_no_data_m=self.fill_no_data_m)
         require(
             self.fill_no_data_m == 0.0 or self.grid_step_m is None,
-            "fill_no_data_m: requires the file's own pixels; remove grid_step_m",
+            "fill_no_data_m: this key requires the file's own pixels; remove grid_step_m",
         )
         require(
             self.water_height_m is None or self.fill_no_data_m == 0.0,
-            "water_height_m: makes water of all gaps, and fill_no_data_m ground; give one of the two",
+            "water_height_m: use either this key, which treats gaps as water, or fill_no_data_m, which treats them as ground",
         )
         require(
             self.water_height_m is None or -500.0 <= self.water_height_m <= 9000.0,

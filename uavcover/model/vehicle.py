@@ -58,7 +58,7 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
             return default
         case "ardupilot" | "px4":
             return text
-    raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4; give one of them")
+    raise InputError(f"--autopilot: {text!r} is not an autopilot; use ardupilot or px4")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,14 +206,14 @@ class Vehicle:
             airspeed is None or airspeed >= self.cruise_speed_m_s,
             f"max_airspeed_m_s: {airspeed} m/s is below cruise_speed_m_s = {self.cruise_speed_m_s}",
         )
-        require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: must be above 0")
-        require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: must be above 0")
-        require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be above 0")
+        require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: the value must be above 0")
+        require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: the value must be above 0")
+        require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: the value must be above 0")
         require(self.system_id is None or 1 <= self.system_id <= 255, f"system_id: {self.system_id} is outside 1..255")
         require(0.0 <= self.reserve_fraction < 1.0, f"reserve_fraction: {self.reserve_fraction} is outside 0..1")
         require(
             self.max_mission_items is None or self.max_mission_items >= 8,
-            f"max_mission_items: {self.max_mission_items} is too few for take-off, a leg and landing (8)",
+            f"max_mission_items: {self.max_mission_items} is not enough for take-off, a leg and landing (8)",
         )
 
     @property

@@ -77,11 +77,13 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     across, along = pair_of(row, "pixels", where=where)
     focal = number_of(row, "focal_length_mm", where=where)
     if focal is None or across != int(across) or along != int(along):
-        raise InputError(f"{where}: pixels: {row['pixels']} are not whole numbers; across the photo, then along it")
+        raise InputError(
+            f"{where}: pixels: {row['pixels']} are not whole numbers; write the number across the photo, then along it"
+        )
     if abs(width / across / (height / along) - 1.0) > SURVEY.largest_pitch_difference:
         raise InputError(
-            f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square; sensor_mm and "
-            "pixels do not belong together (both in landscape, of the same photo format)"
+            f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square; "
+            "sensor_mm and pixels do not match (use both in landscape, for the same photo format)"
         )
     interval = number_of(row, "min_interval_s", where=where)
     camera = CameraBody(
@@ -89,7 +91,7 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     )
     if not 3.0 <= camera.fov_across_deg <= 140.0:
         raise InputError(
-            f"{where}: a field of view of {camera.fov_across_deg:.1f} degrees across; give the real focal length in "
+            f"{where}: a field of view of {camera.fov_across_deg:.1f} degrees across; use the real focal length in "
             "millimetres, not the 35 mm equivalent"
         )
     return camera

@@ -51,17 +51,21 @@ def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
         row = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
-            f"{option}: {path} cannot be read ({type(error).__name__}); give a name or a TOML file"
+            f"{option}: {path} cannot be read ({type(error).__name__}); use a name or a TOML file"
         ) from error
     except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
-        raise InputError(f"{option}: {path}: not valid TOML: {error}; {option} list shows the known names") from error
+        raise InputError(
+            f"{option}: {path}: the file is not valid TOML: {error}; {option} list shows the known names"
+        ) from error
     if _has_huge(row):
-        raise InputError(f"{option}: {path}: has a number of hundreds of digits; {option} list shows the known names")
+        raise InputError(
+            f"{option}: {path}: the file has a number with hundreds of digits; {option} list shows the known names"
+        )
     tables = [key for key, value in row.items() if isinstance(value, dict)]
     if len(tables) == 1 == len(row):
         return {"title": tables[0], **row[tables[0]]}
     if tables:
-        raise InputError(f"{option}: {path} has several tables ({', '.join(tables[:_MOST_NAMES])}); leave one")
+        raise InputError(f"{option}: {path} has several tables ({', '.join(tables[:_MOST_NAMES])}); keep only one")
     return {"title": path.stem, **row}
 
 
@@ -121,7 +125,7 @@ def checked_row(row: Mapping[str, Any], *, where: str, required: tuple[str, ...]
         raise InputError(f"{where}: {unknown[0]}: unknown key; {advice}")
     missing = [key for key in required if key not in row]
     if missing:
-        raise InputError(f"{where}: {missing[0]}: is missing; needed are {', '.join(required)}")
+        raise InputError(f"{where}: {missing[0]}: the key is missing; required keys are {', '.join(required)}")
 
 
 def number_of(row: Mapping[str, Any], key: str, *, where: str) -> float | None:
@@ -148,8 +152,10 @@ def pair_of(row: Mapping[str, Any], key: str, *, where: str) -> tuple[float, flo
     """
     value = row[key]
     if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{where}: {key}: {value!r} is not two numbers; across the photo, then along it")
+        raise InputError(
+            f"{where}: {key}: {value!r} is not a list of two numbers; write the number across the photo, then along it"
+        )
     first, second = (number_of({key: number}, key, where=where) for number in value)
     if first is None or second is None:
-        raise InputError(f"{where}: {key}: two numbers are needed; across the photo, then along it")
+        raise InputError(f"{where}: {key}: two numbers are required; write the number across the photo, then along it")
     return first, second

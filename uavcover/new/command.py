@@ -87,7 +87,8 @@ def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenari
     scenarios = new_scenarios(request, user, folder=folder)
     if len(scenarios) > 1:
         raise InputError(
-            f"--pattern: {request.pattern} is {len(scenarios)} missions; write their scenarios with uavcover new, and plan each"
+            f"--pattern: {request.pattern} consists of {len(scenarios)} missions; write their scenarios with "
+            "uavcover new, and plan each"
         )
     return scenarios[0]
 
@@ -113,8 +114,8 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     )
     if dem.water_height_m is not None:
         user.warn(
-            f"--water-height: ground without data in {dem.name}, and around it, count as open water "
-            f"{dem.water_height_m:g} m above sea level; missing land would too"
+            f"--water-height: ground without data in and around {dem.name} counts as open water "
+            f"{dem.water_height_m:g} m above sea level, even if it is land"
         )
     closed = _closed_to_home(request, look, user)
     dem = over_lakes(dem, look, user)
@@ -137,7 +138,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     along_deg = heading_of_angle_deg(long_side_angle_rad(look.area))
     views = views_of(request.pattern, along_deg=along_deg)
     if mount == "fixed" and any(view.is_tilted for view in views):
-        raise InputError("--mount: a fixed camera is not tilted in flight; give stabilised, or another --pattern")
+        raise InputError("--mount: a fixed camera cannot be tilted in flight; use stabilised, or another --pattern")
     scenario = SurveyScenario(
         name=name_of(area.name), query=request.area, area=area, terrain_files=request.dem, terrain=dem,
         vertical_datum=datum, datum_is_stated=stated,
@@ -152,7 +153,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
     if wish.camera.min_interval_s is None:
         user.warn(
-            f"the shortest interval of {wish.camera.name} is not known: check that it takes a photo every "
+            f"the shortest interval of {wish.camera.name} is unknown: check that it takes a photo every "
             f"{design.picture_distance_m / design.speed_m_s:.1f} s"
         )
     return tuple(_in_full(scenario, view, look, request, folder=folder) for view in views)
@@ -279,7 +280,7 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
         except InputError as error:
             raise InputError(f"--no-fly: {error}") from error
         zones = [zone for zone in near if zone.in_force(window)]
-        idle = f", {len(near) - len(zones)} are not in force then" if len(zones) < len(near) else ""
+        idle = f"; {len(near) - len(zones)} are not active during the flight" if len(zones) < len(near) else ""
         user.say(f"--no-fly: {len(zones)} zones of {file} count{idle}")
         around = look.area.buffer(TERRAIN.farthest_home_m)
         for zone in local_zones(zones, look.frame, around):
@@ -302,8 +303,8 @@ def _wish(request: NewRequest) -> SurveyWish:
     ]  # fmt: skip
     if missing:
         raise InputError(
-            f"{request.area.source}: an area needs {', '.join(missing)} as well "
-            "(uavcover new --camera list shows the cameras; --overlap is 75/70 unless you say otherwise)"
+            f"{request.area.source}: an area also needs {', '.join(missing)} (uavcover new --camera list shows the "
+            "cameras; the default --overlap is 75/70)"
         )
     camera: CameraBody = camera_named(str(request.camera))
     forward, side = quantities.overlaps(request.overlap if request.overlap is not None else "75/70")
@@ -330,8 +331,9 @@ def _wanted_datum(request: NewRequest) -> str | None:
 def _datum(look: TerrainLook, user: User) -> tuple[str, bool]:
     if len(look.datums) > 1:
         user.warn(
-            "the elevation data does not say what its heights refer to: they are taken as above sea level (EGM96); heights "
-            "above the ellipsoid would be wrong by up to 100 m; --vertical-datum EGM96, EGM2008 or ellipsoid says it"
+            "the elevation data does not state its vertical datum: heights are read as above sea level (EGM96); "
+            "heights above the ellipsoid would be wrong by up to 100 m; specify --vertical-datum EGM96, EGM2008 or "
+            "ellipsoid"
         )
     return look.datums[0], len(look.datums) == 1
 
@@ -342,8 +344,8 @@ def _near(text: str, look: TerrainLook) -> tuple[float, float]:
     away_m = float(look.area.distance(place))
     if not away_m <= TERRAIN.farthest_home_m:
         raise InputError(
-            f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {TERRAIN.farthest_home_m / 1000.0:g} km are allowed; "
-            "specify a closer position, latitude first"
+            f"--home: {text} is {away_m / 1000.0:.0f} km from the area; the limit is "
+            f"{TERRAIN.farthest_home_m / 1000.0:g} km; specify a closer position, latitude first"
         )
     return lat, lon
 
@@ -356,5 +358,5 @@ def _mount(text: str | None) -> str:
     if text is None:
         return "stabilised"
     if text.casefold() not in _MOUNTS:
-        raise InputError(f"--mount: {text!r} is not known; give stabilised (a gimbal) or fixed")
+        raise InputError(f"--mount: {text!r} is not known; use stabilised (a gimbal) or fixed")
     return _MOUNTS[text.casefold()]

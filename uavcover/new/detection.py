@@ -63,7 +63,7 @@ def _curve(name: str, row: dict[str, Any], *, where: str) -> DetectionCurve:
         table = _by_pixels(row, where=where)
     independent = row.get("independent", "sides")
     if independent not in INDEPENDENT:
-        raise InputError(f"{where}: independent: {independent!r} is not known; {', '.join(INDEPENDENT)}")
+        raise InputError(f"{where}: independent: {independent!r} is not known; use one of {', '.join(INDEPENDENT)}")
     return DetectionCurve(name, str(row.get("title", name)), str(row.get("source", "")), table, independent)
 
 
@@ -83,24 +83,28 @@ def _by_pixels(row: dict[str, Any], *, where: str) -> DetectionTable:
 def _own_table(row: dict[str, Any], *, where: str) -> DetectionTable:
     samples_m = _numbers(row["ground_sample_m"], "ground_sample_m", where=where)
     if not (samples_m[0] > 0.0 and samples_m[-1] < 100.0):
-        raise InputError(f"{where}: ground_sample_m: values are metres on the ground, above 0 and below 100")
+        raise InputError(f"{where}: ground_sample_m: the values must be metres on the ground, above 0 and below 100")
     given = row["probability"]
     by_angle = isinstance(given, list) and any(isinstance(part, list) for part in given)
     if by_angle and "off_vertical_deg" not in row:
-        raise InputError(f"{where}: off_vertical_deg: is missing; a row of probabilities belongs to each of its angles")
+        raise InputError(
+            f"{where}: off_vertical_deg: the key is missing; each of its angles needs a row of probabilities"
+        )
     if by_angle:
         angles_deg = _numbers(row["off_vertical_deg"], "off_vertical_deg", where=where)
         rows = given
     else:
         if "off_vertical_deg" in row:
             raise InputError(
-                f"{where}: probability: needs a row for each of off_vertical_deg, such as [[0.9, 0.4], [0.7, 0.2]]"
+                f"{where}: probability: each angle of off_vertical_deg needs a row, such as [[0.9, 0.4], [0.7, 0.2]]"
             )
         angles_deg, rows = np.array([0.0, 90.0]), [given, given]
     if angles_deg[0] != 0.0 or angles_deg[-1] > 90.0:
-        raise InputError(f"{where}: off_vertical_deg: begins at 0 (straight down) and ends at 90 or before")
+        raise InputError(
+            f"{where}: off_vertical_deg: the angles must begin at 0 (straight down) and end at 90 or before"
+        )
     if len(rows) != len(angles_deg):
-        raise InputError(f"{where}: probability: has {len(rows)} rows for {len(angles_deg)} angles")
+        raise InputError(f"{where}: probability: there are {len(rows)} rows for {len(angles_deg)} angles")
     values = np.empty((len(rows), samples_m.size))
     for number, part in enumerate(rows):
         if not isinstance(part, list) or len(part) != samples_m.size:
@@ -131,7 +135,7 @@ def _numbers(values: object, key: str, *, where: str) -> FloatArray:
 def _share(row: dict[str, Any], key: str, default: float, *, where: str) -> float:
     value = row.get(key, default)
     if not _is_number(value) or not 0.0 <= value <= 1.0:
-        raise InputError(f"{where}: {key}: {value!r} is not a share between 0 and 1")
+        raise InputError(f"{where}: {key}: {value!r} is not a fraction between 0 and 1")
     return float(value)
 
 

@@ -96,7 +96,7 @@ def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, 
     if missing:
         example = f"{option.removeprefix('--')}.tif"
         raise InputError(
-            f"{option}: {missing[0]}: no such file; give the elevation data of the area, such as {example}"
+            f"{option}: {missing[0]}: no such file; specify the elevation data of the area, such as {example}"
         )
     return files
 
@@ -120,10 +120,13 @@ def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:
     files = _files(request.dem, area, "--dem")
     unit = None if request.height_unit is None else request.height_unit.casefold()
     if unit not in (None, *get_args(HeightUnit)):
-        raise InputError(f"--height-unit: {request.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
+        raise InputError(f"--height-unit: {request.height_unit!r} is not known; use m, dm, cm, ft or us-ft")
     filled_m = request.fill_lakes and quantities.length_m(request.fill_lakes, option="--fill-lakes", example="200m")
     if request.water_height is not None and filled_m:
-        raise InputError("--water-height: makes water of all gaps, and --fill-lakes ground; give one of the two")
+        raise InputError(
+            "--water-height: use either this option, which treats gaps as water, or --fill-lakes, which "
+            "treats them as ground"
+        )
     return TerrainSource(
         files, crs=request.dem_crs, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0,
         water_height_m=quantities.water_height_m(request.water_height),
@@ -135,8 +138,8 @@ def over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSour
     if look.gap_m == 0.0 or dem.fill_no_data_m >= look.gap_m:
         return dem
     user.warn(
-        f"the elevation data has gaps in holes of the area, up to {look.gap_m:.0f} m long: they are "
-        "interpolated from their edge, and flights may cross them"
+        f"the elevation data has gaps of up to {look.gap_m:.0f} m in holes of the area: they are interpolated from "
+        "their edges, and flights may cross them"
     )
     return replace(dem, fill_no_data_m=look.gap_m)
 
@@ -147,7 +150,7 @@ def inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, use
     if margin_m < design.margin_m:
         less_m = design.margin_m - margin_m
         user.warn(
-            f"the elevation data ends beside the area: photos overlap in full only from {less_m:g} m inside its edge there "
+            f"the elevation data ends near the edge of the area: full overlap begins {less_m:g} m inside that edge "
             f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
         )
     return replace(design, margin_m=float(margin_m))
@@ -165,11 +168,13 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
     if why is None:
         return
     if beside_surface:
-        user.warn(f"--dem: is this the bare ground? {why}; --dem is the ground, --dsm what stands on it")
+        user.warn(
+            f"--dem: this may not be the bare ground ({why}); --dem is the ground, --dsm includes what stands on it"
+        )
     else:
         user.warn(
-            f"--dem: is this the bare ground? {why}. Heights are kept above its trees and roofs, as far as it has them, and they "
-            "are what the sensor observes; to observe the ground, give a ground model as --dem and this as --dsm"
+            f"--dem: this may not be the bare ground ({why}). Heights then refer to its trees and roofs, and the "
+            "sensor observes these; to observe the ground, use a ground model as --dem and this file as --dsm"
         )
 
 
@@ -182,10 +187,13 @@ def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None
         option: that named it, such as "--dem".
     """
     if (why := feet_in_words(source)) is not None:
-        user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; set --height-unit ft or m")
+        user.warn(f"{option}: the heights may be in feet ({why}); they are read as metres; set --height-unit ft or m")
     if (why := shading_in_words(source)) is not None:
         user.warn(
-            f"{option}: are these heights? {why}; they are taken as metres; a hillshade or slope map is not an elevation model"
+            f"{option}: these may not be heights ({why}); they are read as metres; a hillshade or slope map is not "
+            "an elevation model"
         )
     if (bands := bands_in_words(source)) is not None:
-        user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; select one with --band")
+        user.warn(
+            f"{option}: the file has several bands ({bands}): the first is read as the heights; select one with --band"
+        )

@@ -165,7 +165,7 @@ def _touched(
     rows = range(math.floor(max(south, -90.0) / side), math.ceil(min(north, 90.0) / side))
     columns = range(math.floor(west / scale / side), math.ceil(east / scale / side))
     if len(rows) * len(columns) > TERRAIN.max_tiles:
-        raise InputError(f"{where}: spans {len(rows) * len(columns)} tiles of {side} degrees; give a part of it")
+        raise InputError(f"{where}: spans {len(rows) * len(columns)} tiles of {side} degrees; use a part of it")
     for row in rows:
         for column in columns:
             tile = shapely.box(column * side * scale, row * side, (column + 1) * side * scale, (row + 1) * side)

@@ -44,7 +44,7 @@ def surface_in_words(source: TerrainSource) -> str | None:
     if re.match(r"^ASTGTM", name, re.IGNORECASE):
         return _of_set("aster")
     if _SRTM.search(name):
-        return f"{name} is named as SRTM's tiles are: a radar surface of 2000, with trees and buildings in part"
+        return f"{name} is named like an SRTM tile: a radar surface of 2000, which includes some trees and buildings"
     if word := _WORDS.search(name):
         return f'its name contains "{word.group(0)}"'
     return _by_metadata(source)
@@ -102,7 +102,7 @@ def shading_in_words(source: TerrainSource) -> str | None:
         return None  # its own error tells more
     if word := _SHADING.search(source.files[0].stem):
         return f'its name contains "{word.group(0)}"'
-    return f"{source.files[0].name} has 8 bits, 0 to 255, as images have" if kind == "uint8" and count < 3 else None
+    return f"{source.files[0].name} has 8 bits (0 to 255), like an image" if kind == "uint8" and count < 3 else None
 
 
 def _by_metadata(source: TerrainSource) -> str | None:

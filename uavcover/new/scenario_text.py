@@ -141,7 +141,7 @@ def _top(design: SurveyDesign) -> str:
     if design.is_capped:
         given = design.wish.ceiling_agl_m is not None
         limit = "--max-height" if given else f"the usual legal limit of {SURVEY.usual_ceiling_m:g} m"
-        top += f"; {limit}, where {design.gsd_height_m:.0f} m would do"
+        top += f"; {limit}, although the ground sample distance allows {design.gsd_height_m:.0f} m"
     return top
 
 

@@ -53,7 +53,7 @@ def read_as_needed(source: TerrainSource, *, crs: str | None, height_unit: str |
     except (rasterio.errors.RasterioError, OSError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise TerrainError(
-            f"{source}: cannot be read as elevation data ({reason}); give a raster of heights"
+            f"{source}: the file cannot be read as elevation data ({reason}); use a raster of heights"
         ) from error
     return replace(source, crs=crs if lacks_crs else None, height_unit=height_unit if lacks_unit else None)
 
@@ -116,8 +116,8 @@ def look_at_surface(
     if lacking.any():
         lat, lon, _ = look.frame.geodetic_from_enu([[*grid[lacking][0], 0.0]])
         raise InputError(
-            f"--dsm: {source} has no height in {100.0 * lacking.sum() / inside.sum():.0f} % of the area, first at latitude "
-            f"{lat[0]:.5f}, longitude {lon[0]:.5f}; give a surface model that covers it, or omit --dsm"
+            f"--dsm: {source} has no height in {100.0 * lacking.sum() / inside.sum():.0f} % of the area, first at "
+            f"latitude {lat[0]:.5f}, longitude {lon[0]:.5f}; use a surface model that covers it, or omit --dsm"
         )
     refuse_other_heights(bare, top, surface=source.name)
     above = top - bare

@@ -111,9 +111,9 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
         bottom_m = min(bottom_m, math.floor(top_m - step_m - 2.0 * height_margin_m - 1.0))
         if bottom_m < SURVEY.lowest_bottom_m:
             raise InputError(
-                f"--dsm: objects there are up to {step_m:.0f} m tall, and lines between "
-                f"{SURVEY.lowest_bottom_m:g} m above it and {top_m:g} m above open ground have no room; "
-                "use a coarser --gsd or a larger --max-height, or remove it from the area"
+                f"--dsm: objects there are up to {step_m:.0f} m tall, so no lines fit between "
+                f"{SURVEY.lowest_bottom_m:g} m above them and {top_m:g} m above open ground; use a coarser --gsd or "
+                "a larger --max-height, or remove them from the area"
             )
     across = camera.sensor_across_mm / camera.focal_length_mm
     along = camera.sensor_along_mm / camera.focal_length_mm
@@ -147,11 +147,12 @@ def _refuse_height(wish: SurveyWish, gsd_height_m: float, top_m: float) -> None:
     if gsd_height_m < SURVEY.lowest_top_m:
         coarser_cm = 100.0 * SURVEY.lowest_top_m / wish.camera.focal_px
         raise InputError(
-            f"--gsd: {100.0 * wish.gsd_m:g} cm with {wish.camera.name} means flying at {gsd_height_m:.1f} m above ground, below "
-            f"{SURVEY.lowest_top_m:g} m; ask for {coarser_cm:.2g} cm or more, or use a camera with a longer lens"
+            f"--gsd: {100.0 * wish.gsd_m:g} cm with {wish.camera.name} means flying at {gsd_height_m:.1f} m above "
+            f"ground, below {SURVEY.lowest_top_m:g} m; use {coarser_cm:.2g} cm or more, or a camera with a longer "
+            "lens"
         )
     raise InputError(
-        f"--max-height: {top_m:g} m leaves no height band above trees and houses; give {SURVEY.lowest_top_m:g} m or more"
+        f"--max-height: {top_m:g} m leaves no height band above trees and houses; use {SURVEY.lowest_top_m:g} m or more"
     )
 
 
@@ -161,8 +162,8 @@ def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
     largest = vehicle.max_speed_m_s if vehicle is not None else None
     if wish.speed_m_s is not None and largest is not None and wish.speed_m_s > largest:
         raise InputError(
-            f"--speed: {wish.speed_m_s:g} m/s is more than the {largest:g} m/s of {wish.vehicle and wish.vehicle.name}; "
-            "give a lower one"
+            f"--speed: {wish.speed_m_s:g} m/s is more than the {largest:g} m/s of "
+            f"{wish.vehicle and wish.vehicle.name}; use a lower speed"
         )
     usual = SURVEY.usual_speed_m_s
     if vehicle is not None and vehicle.cruise_speed_m_s is not None:

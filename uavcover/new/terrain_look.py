@@ -67,8 +67,8 @@ def look_at_terrain(
     west, south, east, north = area.bounds
     if max(east - west, north - south) > 1000.0 * TERRAIN.largest_km:
         raise InputError(
-            f"{where}: {0.001 * (east - west):.0f} km by {0.001 * (north - south):.0f} km, more than {TERRAIN.largest_km:g} km; "
-            "give a part of it (--feature, or a smaller polygon)"
+            f"{where}: {0.001 * (east - west):.0f} km by {0.001 * (north - south):.0f} km, more than "
+            f"{TERRAIN.largest_km:g} km; use a part of it (--feature, or a smaller polygon)"
         )
     _require_ground(file, datums[0], parts, where=where, frame=frame, area=area)
     zone = area.convex_hull.buffer(around_m)
@@ -118,9 +118,9 @@ def _gaps_in_holes_m(
                 row, column = np.argwhere(inside)[0] + (place[0].start, place[1].start)
                 lat, lon, _ = frame.geodetic_from_enu([[easts[column], norths[row], 0.0]])
                 raise InputError(
-                    f"{where}: no elevation in {file} at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, inside the area; "
-                    f"--fill-lakes {length_m:g}m interpolates the gap, --water-height 0m takes it for the sea; "
-                    "or remove it from the area, or give other data"
+                    f"{where}: there is no elevation in {file} at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, "
+                    f"inside the area; --fill-lakes {length_m:g}m interpolates the gap, --water-height 0m treats it "
+                    "as the sea; or remove it from the area, or use other data"
                 )
         else:
             largest_m = max(largest_m, length_m)
@@ -165,17 +165,19 @@ def place_for_home(
         known &= ~shapely.intersects_xy(avoid, places[:, 0], places[:, 1])
         if not known.any():
             raise InputError(
-                "--home: all of the area's edge is in no-fly zones or outside the fence; give a position as --home LAT,LON"
+                "--home: the whole edge of the area is in no-fly zones or outside the fence; specify a position as --home LAT,LON"
             )
     if is_open is not None and known.any():
         known &= is_open(places)
         if not known.any():
             raise InputError(
-                "--home: trees and roofs of the surface model stand on all of the area's edge; give a position in the open as "
-                "--home LAT,LON"
+                "--home: trees and roofs of the surface model cover the whole edge of the area; specify a position "
+                "in the open as --home LAT,LON"
             )
     if not known.any():
-        raise InputError("--home: no elevation at the edge of the area; give the take-off position as --home LAT,LON")
+        raise InputError(
+            "--home: there is no elevation at the edge of the area; specify the take-off position as --home LAT,LON"
+        )
     level = known & (slopes <= max(TERRAIN.home_slope_deg, float(np.min(slopes[known])) + 1.0))
     best = places[level][int(np.argmin(heights[level]))]
     lat, lon, _ = look.frame.geodetic_from_enu([[best[0], best[1], 0.0]])
@@ -256,20 +258,21 @@ def _require_ground(
         swapped = abs(frame.lon_deg) <= 90.0 and bool(np.isfinite(read_heights_amsl_m(file, datum, lon, lat)).all())
         if swapped:
             raise InputError(
-                f"{where}: lies on {file} with latitude and longitude exchanged; its axes are swapped: use --swap-axes"
+                f"{where}: the area lies on {file} if latitude and longitude are exchanged; its axes are swapped: use --swap-axes"
             )
         inside = read_heights_amsl_m(file, datum, lat, lon)
         if not np.isfinite(inside).all():
             raise InputError(
-                f"{where}: lies at latitude {corner[0, 1]:.4f}, longitude {corner[0, 0]:.4f}, off the elevation data {file} "
-                f"({_reach(file, datum, frame)}); give data of that location, or the area's coordinate system with --crs"
+                f"{where}: the area at latitude {corner[0, 1]:.4f}, longitude {corner[0, 0]:.4f} is outside the "
+                f"elevation data {file} ({_reach(file, datum, frame)}); use data of that location, or specify the "
+                "coordinate system of the area with --crs"
             )
     lats, lons, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
     at = int(np.argmin(known))
     raise InputError(
-        f"{where}: reaches beyond the elevation data {file} at latitude {lats[at]:.5f}, longitude {lons[at]:.5f}; "
-        "give data that covers it (several tiles as one: gdalbuildvrt), or a smaller area; "
-        "if it is open water, --water-height 0m gives its height above sea level"
+        f"{where}: the area reaches beyond the elevation data {file} at latitude {lats[at]:.5f}, longitude "
+        f"{lons[at]:.5f}; use data that covers it (several tiles as one: gdalbuildvrt), or a smaller area; if it is "
+        "open water, set its height above sea level with --water-height 0m"
     )
 
 
@@ -279,7 +282,7 @@ def _reach(file: TerrainSource, datum: str, frame: LocalFrame) -> str:
         read_height_amsl_m(file, datum, lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
     except TerrainError as error:
         return str(error).rpartition("(")[2].rstrip(")")
-    return "no data there"
+    return "no data"
 
 
 def _grid(zone: shapely.Polygon) -> FloatArray:

@@ -66,4 +66,4 @@ def _vehicle(name: str, row: dict[str, Any], *, where: str) -> VehicleType:
             return VehicleType(
                 name, str(row["title"]), autopilot=autopilot, source=str(row.get("source", "")), **numbers
             )
-    raise InputError(f"{where}: autopilot: {autopilot!r} is not known; give ardupilot or px4")
+    raise InputError(f"{where}: autopilot: {autopilot!r} is not known; use ardupilot or px4")

@@ -33,7 +33,7 @@ class Box:
         low, high = finite_array(lower, "lower bounds"), finite_array(upper, "upper bounds")
         if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
             raise OptimizerError(
-                f"bounds have shapes {low.shape} and {high.shape}: give two lists with one entry per variable"
+                f"bounds have shapes {low.shape} and {high.shape}: use two lists with one entry per variable"
             )
         inverted = np.flatnonzero(low > high)
         if inverted.size:
@@ -262,7 +262,7 @@ class AskTellOptimizer(Optimizer, ABC):
         starts = finite_array(initial, "initial")
         if starts.ndim != 2 or starts.shape[1] != d or len(starts) > self._population_size:
             raise OptimizerError(
-                f"initial: shape {starts.shape}: give (k, {d}) with k <= population_size = {self._population_size}"
+                f"initial: shape {starts.shape}: use (k, {d}) with k <= population_size = {self._population_size}"
             )
         if not self._box.contains(starts):
             raise OptimizerError("initial: a start lies outside the bounds: move it inside, or widen the bounds")
@@ -272,12 +272,12 @@ class AskTellOptimizer(Optimizer, ABC):
         array = finite_array(values, f"tell: {name}")
         expected = (self._population_size, width)
         if array.shape != expected:
-            raise OptimizerError(f"tell: {name} have shape {array.shape}: give {expected}, a row per candidate")
+            raise OptimizerError(f"tell: {name} have shape {array.shape}: use {expected}, one row per candidate")
         return array
 
     def _checked_violations(self, violations: npt.ArrayLike | None) -> FloatArray:
         if violations is None and self._n_constraints > 0:
-            raise OptimizerError(f"tell: violations are missing: give ({self._population_size}, {self._n_constraints})")
+            raise OptimizerError(f"tell: violations are missing: use ({self._population_size}, {self._n_constraints})")
         if violations is None:
             return np.empty((self._population_size, 0))
         return self._checked_values(violations, "violations", self._n_constraints)
@@ -285,7 +285,7 @@ class AskTellOptimizer(Optimizer, ABC):
 
 def _at_least(smallest: int, value: int, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < smallest:
-        raise OptimizerError(f"{name} is {value!r}: give a whole number >= {smallest}")
+        raise OptimizerError(f"{name} is {value!r}: use a whole number >= {smallest}")
     return int(value)
 
 

@@ -125,7 +125,7 @@ class GuardedOptimizer:
             ("violations", broken, self._n_constraints),
         ):
             if array.shape != (n, width):
-                raise OptimizerError(f"tell: {what} have shape {array.shape}: give {(n, width)}, a row per candidate")
+                raise OptimizerError(f"tell: {what} have shape {array.shape}: use {(n, width)}, one row per candidate")
         self._called("tell", lambda: self._optimizer.tell(values.copy(), broken.copy()))
         self._archive = self._archive.with_evaluated(Solutions(self._asked, values, broken))
         self._iteration += 1
@@ -145,7 +145,7 @@ class GuardedOptimizer:
         for what, width in zip(("x", "objectives", "violations"), widths, strict=True):
             if not hasattr(found, what):
                 raise OptimizerError(
-                    f"{self._name}.pareto_set(): has no {what}: return a uavcover.optimizers.ParetoSet"
+                    f"{self._name}.pareto_set(): the result has no {what}: return a uavcover.optimizers.ParetoSet"
                 )
             array = finite_array(getattr(found, what), f"{self._name}.pareto_set().{what}")
             rows = len(columns[0]) if columns else max(1, len(array))
@@ -343,6 +343,6 @@ def _check_arguments(found: type, name: str) -> None:
         signature.bind(np.zeros(1), np.ones(1), **dict.fromkeys(_SETTINGS))
     except TypeError as error:
         raise OptimizerError(
-            f"algorithm {name!r}: {found.__name__}(...) does not take what it is built with ({error}): "
-            f"take (lower, upper, *, {', '.join(_SETTINGS)}), or end with **settings"
+            f"algorithm {name!r}: {found.__name__}(...) does not accept its arguments ({error}): accept (lower, "
+            f"upper, *, {', '.join(_SETTINGS)}), or end with **settings"
         ) from None

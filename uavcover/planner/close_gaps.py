@@ -28,7 +28,7 @@ from uavcover.run.provenance import note_files, sha256_of_content
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import own_sensors
+from uavcover.scenario.vehicle_areas import own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.site_maps import map_for
 from uavcover.verification.command import judge_run, say_inputs
@@ -156,7 +156,7 @@ def close_gaps(
     if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
         left_m2 = mission.closing.wanted_m2 - mission.closing.seen_m2
         user.warn(
-            f"{left_m2:.0f} square metres of the gaps remain open, because no leg inside the limits observes them"
+            f"{left_m2:.0f} square metres of the gaps remain open, because no leg inside the limits can observe them"
         )
     if not mission.plan.rule_met and target is not None:
         user.warn(f"the mission does not reach {percent(target)}; the best one was written")
@@ -172,9 +172,9 @@ def commands_after_gaps(run: RunFolder, request: GapRequest) -> list[str]:
         resume = to_paste("fly", folder, "--resume", "--to", "URL")
         upload = to_paste("upload", run.file("gap_mission.waypoints"), "--to", "URL", "--in-flight")
         commands = [
-            f"{resume}  # from wherever the vehicle holds in the air",
-            f"{upload}  # or with a ground station, from its first item: starts where the last log ends",
-            f"{commands[0]}  # or from home, if the vehicle has landed",
+            f"{resume}  # if the vehicle holds in the air: from its position",
+            f"{upload}  # with a ground station, from the first item: starts where the last log ends",
+            f"{commands[0]}  # if the vehicle has landed: from home",
             commands[1],
         ]
     logs = (*(request.logs or flown_tracks(run)), folder.file("track.csv"))
@@ -205,7 +205,7 @@ def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
     if not min_area_m2 >= 0.0 or not math.isfinite(min_area_m2):
         raise InputError(f"min area: {min_area_m2} square metres must not be negative")
     if target is not None and not 0.0 < target <= 1.0:
-        raise InputError(f"target: {target} is a share of the coverable area, above 0 and at most 1")
+        raise InputError(f"target: {target} is not a fraction of the visible ground, above 0 and at most 1")
 
 
 def plan_gap_mission(
@@ -232,7 +232,7 @@ def plan_gap_mission(
     check_gap_request(min_area_m2=min_area_m2, target=target)
     if site.home_m is None:
         raise InputError(
-            f"scenario {site.scenario.name}: has no [home]; a mission needs a take-off and landing position"
+            f"scenario {site.scenario.name} has no [home]; a mission needs a take-off and landing position"
         )
     started = time.monotonic()
     coverage, seen = verdict.coverage, verdict.flown.seen
@@ -272,7 +272,7 @@ def _last_place_m(site: Site, track: Track) -> FloatArray:
         InputError: the scenario has no position on Earth.
     """
     if site.frame is None:
-        raise InputError(f"scenario {site.scenario.name}: has no position on Earth, so there is no mission to fly")
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth, so there is no mission to fly")
     lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
     place_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
     return place_m

@@ -47,7 +47,7 @@ from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_parts import groups_of, own_sensors
+from uavcover.scenario.vehicle_areas import groups_of, own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.block_map import is_large
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
@@ -57,7 +57,7 @@ from uavcover.terrain.elevation_trust import trust_asked_for
 _QUICK_BOUNDS_S = 0.5
 """Bounds without a solver take about this long."""
 
-_FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
+_FIRST_STOP = "stopping: the best route so far is being evaluated and written; press twice more to abort without it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +128,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         planner = dataclasses.replace(site.scenario.planner, rally=request.rally)
         site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, planner=planner))
     if request.autopilot is not None and site.scenario.vehicles:
-        raise InputError("--autopilot: each [[vehicle]] has its own; omit it")
+        raise InputError("--autopilot: each [[vehicle]] has its own autopilot; omit the option")
     for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):
         check_site(own)
     check_site(site)
@@ -190,11 +190,11 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     say_window(user, site, flights)
     interrupted = result.interrupted or stops.any()
     if interrupted and not result.interrupted:
-        user.warn(f"interrupted when the search was over: the whole plan has been written to {run}")
+        user.warn(f"interrupted after the search: the complete plan was written to {run}")
     short = _overlap_missed(site, result.chosen.route, sorties)
     if short is not None:
         user.warn(
-            f"{short}: verify would fail the flight; plan longer, ask for less overlap, or lower "
+            f"{short}: verify would fail the flight; plan longer, require less overlap, or lower "
             "requirements.min_overlap_fraction"
         )
     code = INTERRUPTED if interrupted else 0 if result.rule_met and short is None else 1

@@ -52,9 +52,7 @@ class WaypointEncoding:
         points = route.waypoints_m
         capacity = self.lower.size // 4
         if len(points) > capacity:
-            raise InputError(
-                f"initial: a route of {len(points)} waypoints does not fit into max_waypoints = {capacity}"
-            )
+            raise InputError(f"initial: a route of {len(points)} waypoints exceeds max_waypoints = {capacity}")
         genes = self.lower.reshape(-1, 4).copy()
         low, high = allowed_band_m(self._site, points[:, :2])
         room = np.where(high > low, high - low, 1.0)

@@ -9,7 +9,7 @@ from uavcover.missions.flights import makespan_s
 from uavcover.missions.sorties import Sortie
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.scenario.vehicle_areas import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 
 
@@ -114,7 +114,7 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
     idle = [] if document["alike"] else [k for k in range(1, document["vehicles"] + 1) if k not in flying]
     for number in idle:
         if document["launch_points"]:
-            user.say(f"{_whose(document, number)} no sorties: no flight is shorter or possible from there")
+            user.say(f"{_whose(document, number)} no sorties: no flight from there is possible or shorter")
             continue
         user.say(f"vehicle {number:<2} stays on the ground, because it would not shorten the mission")
     if document["one_at_a_time"]:

@@ -14,7 +14,7 @@ from uavcover.planner.division import FlightWork, divide, flight_work
 from uavcover.planner.front import pareto_members
 from uavcover.planner.selection_rule import parse_rule, select
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import Piece, groups_of, own_parts
+from uavcover.scenario.vehicle_areas import Piece, groups_of, own_parts
 from uavcover.scenario.vehicle_site import vehicle_sites
 
 SearchPart = Callable[[Site, float, str], Plan]
@@ -77,7 +77,8 @@ def _shared_out(rest: Piece, groups: Sequence[tuple[Site, float]]) -> list[Piece
         pieces = divide(rest, len(groups), work, [groups[k][1] for k in order])
         if len(pieces) < len(groups):
             raise ScenarioError(
-                f"area: what is left for {len(groups)} sensors cannot be divided; give the vehicles areas, or remove some"
+                f"area: the remaining area for {len(groups)} sensors cannot be divided; assign areas to the "
+                "vehicles, or remove some"
             )
         of_group = dict(zip(order, pieces, strict=True))
         away_m = sum(_away_m(own, of_group[k]) for k, (own, _) in enumerate(groups))

@@ -62,7 +62,7 @@ _ADVICE = {
     "below sea-level limit": "lower limits.min_alt_amsl_m",
     "above sea-level limit": "raise limits.max_alt_amsl_m",
     "climb": "allow a larger limits.max_climb_angle_deg",
-    "fence": "give a larger fence",
+    "fence": "use a larger fence",
     "no-fly zone": "allow a smaller margin_m of the zone, or plan another area",
     "obstacle": "allow smaller obstacles.clearance_beside_m and clearance_above_m, or raise limits.max_height_agl_m",
 }
@@ -112,10 +112,8 @@ def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:
     worst = max(problems, key=_seriousness)
     more = f", and {len(problems) - 1} similar or smaller violations" if len(problems) > 1 else ""
     taken_off = _is_band(worst) and not worst.in_corner
-    margin = f" (limits.height_margin_m = {limits.height_margin_m:g} m taken off)" if taken_off else ""
-    return (
-        f"no route keeps the limits of the scenario; the best one exceeds: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
-    )
+    margin = f" (after limits.height_margin_m = {limits.height_margin_m:g} m)" if taken_off else ""
+    return f"no route meets the limits of the scenario; the best one violates: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
 
 
 def _is_band(problem: LegProblem) -> bool:

@@ -83,7 +83,7 @@ def plan_closing_route(
     builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
     if builder.seen_m2 < useful_m2:
         raise InfeasibleError(
-            f"the gaps cannot be closed: {builder.seen_m2:.0f} of {useful_m2:.0f} m² can be covered at most"
+            f"the gaps cannot be closed: at most {builder.seen_m2:.0f} of {useful_m2:.0f} m² can be covered"
         )
     if needed_m2 is not None:
         builder.drop_costly(needed_m2)
@@ -194,7 +194,7 @@ class _Builder:
             InfeasibleError: it sees nothing.
         """
         if not self.seen.any():
-            raise InfeasibleError("no allowed position observes any of the gaps; they remain open")
+            raise InfeasibleError("no allowed position can observe any of the gaps; they remain open")
         return ClosingRoute(
             Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.seen)), self._area_m2(self.seen)
         )

@@ -102,7 +102,9 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
             begins[-1].append(number)
         in_order = bool(routes) and part == len(begins[-1]) + 1
         if not (in_order and index == len(routes) - 1 and number == len(routes[-1]) and np.isfinite(point).all()):
-            raise InputError(f"{source}: line {line}: is not the next waypoint; create it again with: uavcover plan")
+            raise InputError(
+                f"{source}: line {line}: this is not the next waypoint; create it again with: uavcover plan"
+            )
         routes[-1].append(point)
     return [Route(np.array(points), tuple(begin)) for points, begin in zip(routes, begins, strict=True)]
 
@@ -194,10 +196,12 @@ def read_pareto(path: Path) -> tuple[ParetoRow, ...]:
             rows = csv.DictReader(file)
             missing = {*PARETO_COLUMNS} - _LATER_COLUMNS - set(rows.fieldnames or ())
             if missing:
-                raise InputError(f"{path}: has no column {sorted(missing)[0]!r}; create it again with: uavcover plan")
+                raise InputError(
+                    f"{path}: the file has no column {sorted(missing)[0]!r}; create it again with: uavcover plan"
+                )
             return tuple(_row(row, where=f"{path}, line {rows.line_num}") for row in rows)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read ({error}); create it again with: uavcover plan") from error
+        raise InputError(f"{path}: the file cannot be read ({error}); create it again with: uavcover plan") from error
 
 
 def _float_or_none(text: str | None) -> float | None:
@@ -228,7 +232,7 @@ def _row(row: dict[str, str], *, where: str) -> ParetoRow:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{where}: is not a member of a Pareto set ({error}); create it again with: uavcover plan"
+            f"{where}: this is not a member of a Pareto set ({error}); create it again with: uavcover plan"
         ) from error
     if not (math.isfinite(member.coverage_of_coverable) and math.isfinite(member.path_length_m)):
         raise InputError(f"{where}: a figure is not a finite number; create it again with: uavcover plan")

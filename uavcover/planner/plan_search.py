@@ -24,7 +24,7 @@ from uavcover.planner.planner import Effort, SearchProgress, plan_in_time
 from uavcover.plugins import loaded
 from uavcover.run.user import StopRequests
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.scenario.vehicle_areas import groups_of
 from uavcover.sensing.block_map import in_blocks
 
 _log = logging.getLogger(__name__)
@@ -208,7 +208,7 @@ def _plan_one(
     if division.parts > 1 and not known:
         raise InputError(f"parts: {settings.parts} requires the planner's own local search, not another optimizer")
     if request.scheduler is not None and settings.parts == 1 and division.parts == 1:
-        raise InputError("--scheduler: distributes the parts of a large area; give --parts N or --parts auto with it")
+        raise InputError("--scheduler: the option distributes the parts of a large area; add --parts N or --parts auto")
     if division.parts > 1:
         site = in_blocks(site)
         result = _large_areas("planner.parts").plan_divided(

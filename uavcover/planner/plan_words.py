@@ -18,7 +18,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import own_sensors
+from uavcover.scenario.vehicle_areas import own_sensors
 from uavcover.sensing.pictures import planned_poses, takes_pictures
 from uavcover.sensing.site_maps import judging_map
 
@@ -57,7 +57,7 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
             f"{len(flights)} flight{'s' if len(flights) > 1 else ''}, {math.fsum(flown_s) / 60.0:.1f} min in the air"
         )
         if len(flights) > 1:
-            words += f", done after {makespan_s(site, flights) / 60.0:.1f} min with the changes of battery"
+            words += f", done after {makespan_s(site, flights) / 60.0:.1f} min including battery changes"
         used = [flight.compiled.battery_used for flight in flights]
         shares = [f"{share:.0%}" for share in used if share is not None]
         user.say(f"{'mission':22}{words}" + (f", {_listed(shares)} of a battery" if shares else ""))
@@ -75,7 +75,7 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
     maker = result.chosen.origin
     search = f"{result.evaluations} evaluations of {result.algorithm}"
     beaten = any(member.origin == maker for member in result.baselines)
-    user.say(f"{'route made by':22}{maker}" + (f"; {search} found no better one" if beaten else f"; {search}"))
+    user.say(f"{'route made by':22}{maker}" + (f"; {search} found no better route" if beaten else f"; {search}"))
 
 
 def _listed(shares: Sequence[str]) -> str:
@@ -115,7 +115,7 @@ def say_plan(
     if not result.rule_met:
         user.warn(f"no route meets {asked}; the best one was written")
     if result.interrupted:
-        user.warn(f"interrupted: the best route found so far has been written to {run}")
+        user.warn(f"interrupted: the best route so far was written to {run}")
 
 
 def telling_bounds(site: Site, bounds: dict[str, Any]) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def telling_bounds(site: Site, bounds: dict[str, Any]) -> dict[str, Any]:
 def say_older(user: User, older: RunFolder | None) -> None:
     """Say where a plan that was flown is, when another one has taken its place."""
     if older is not None:
-        user.warn(f"the plan that was here was flown: {older} is a run folder with it, its flight and its verdict")
+        user.warn(f"the previous plan was flown: it is now in {older}, with its flight and its verdict")
 
 
 def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:
@@ -143,7 +143,7 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
             f"written: {run.file('mission.waypoints')}, with mission.plan, fence, rally and kml in the same folder"
         )
     elif not sorties:
-        user.say("the scenario has no position on Earth: no mission files (give it an [origin] and a [home])")
+        user.say("the scenario has no position on Earth: no mission files (add an [origin] and a [home])")
         return
     for number, sortie in enumerate(sorties, start=1):
         used = sortie.compiled.battery_used
@@ -194,28 +194,30 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
         names = ", ".join(repr(zone.name) for zone in site.other_zones[:_SHOWN_ZONES])
         more = f" and {len(site.other_zones) - _SHOWN_ZONES} more" if len(site.other_zones) > _SHOWN_ZONES else ""
         user.say(
-            f"no-fly zones that are not in force from {window_in_words(window)} and do not count: {names}{more}; fly only then"
+            f"no-fly zones that are not active from {window_in_words(window)} and do not count: {names}{more}; fly "
+            "only during this time"
         )
     if timed and window is None:
         user.say(
-            f"{timed} of the no-fly zones nearby have schedules and count as always in force; state the time "
-            "of the flight with --at"
+            f"{timed} of the no-fly zones nearby have schedules and count as always active; state the time of the "
+            "flight with --at"
         )
     for zone in area.closed[:_SHOWN_ZONES]:
         partly = (
             "; end the height band below its floor or above its ceiling to fly there" if zone in area.partly else ""
         )
         user.say(
-            f"no-fly zone {zone.name!r}, {zone.heights_in_words()}: the route keeps {zone.entry.margin_m:g} m away{partly}"
+            f"no-fly zone {zone.name!r}, {zone.heights_in_words()}: the route keeps a distance of "
+            f"{zone.entry.margin_m:g} m{partly}"
         )
     if len(area.closed) > _SHOWN_ZONES:
-        user.say(f"and {len(area.closed) - _SHOWN_ZONES} more no-fly zones that the route keeps away from")
+        user.say(f"and {len(area.closed) - _SHOWN_ZONES} more no-fly zones that the route avoids")
     if area.cut_off:
-        user.warn("no-fly zones cut off parts of the fence from home; they are not flown")
+        user.warn("no-fly zones separate parts of the fence from home; the route does not enter these parts")
     if area.closed and metrics.coverage_of_coverable > 0.0:
         seen = metrics.coverage_fraction / metrics.coverage_of_coverable
         if seen < _NEARLY_ALL:
-            user.warn(f"with the no-fly zones {percent(seen)} of the area is visible ground")
+            user.warn(f"with the no-fly zones, {percent(seen)} of the area is visible ground")
 
 
 _LEAST_BEYOND = 5e-5
@@ -248,8 +250,9 @@ def say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
     has_s = (window[1] - window[0]).total_seconds()
     if lasts_s > has_s:
         user.warn(
-            f"from the first take-off to the last landing it takes {lasts_s / 60.0:.0f} min, and the no-fly zones were evaluated "
-            f"for {has_s / 60.0:.0f} min, {window_in_words(window)}: plan again with --at START/END"
+            f"the mission takes {lasts_s / 60.0:.0f} min from the first take-off to the last landing, but the no-fly "
+            f"zones were evaluated for {has_s / 60.0:.0f} min, {window_in_words(window)}: plan again with --at "
+            "START/END"
         )
 
 

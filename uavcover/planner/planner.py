@@ -136,7 +136,7 @@ def plan_in_time(
                 on_progress=on_progress, own=own, so_far=so_far,
             )  # fmt: skip
     except StageOver:
-        _log.info("search and choice ended %.2f s after their begin", effort.now() - started)
+        _log.info("search and selection took %.2f s", effort.now() - started)
     rule, fine, judged = parse_rule(select_rule), judging_map(site), list(so_far.judged)
     if not judged:
         # None of the pool: it may still be at work.

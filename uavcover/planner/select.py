@@ -17,7 +17,7 @@ from uavcover.planner.selection_rule import parse_rule, select
 from uavcover.run.documents import read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.scenario.vehicle_areas import groups_of
 
 _ROUTES = "pareto_routes.csv"
 
@@ -32,18 +32,16 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); create it again with: uavcover plan") from error
+        raise InputError(f"{path}: the file cannot be read ({error}); create it again with: uavcover plan") from error
     routes = read_pareto_routes(text, source=str(path))
     makers = [entry.made_by for entry in read_pareto(run.existing("pareto.csv", made_by="uavcover plan"))]
     if len(makers) != len(routes):
         raise InputError(
-            f"{path}: has {len(routes)} routes, and pareto.csv has {len(makers)}; make them again with: uavcover plan"
+            f"{path}: the file has {len(routes)} routes, but pareto.csv has {len(makers)}; create both again with: uavcover plan"
         )
     groups = len(groups_of(site.scenario)) or 1
     if any(len(route.parts) != groups for route in routes):
-        raise InputError(
-            f"{path}: a route has another number of parts than {groups}; create it again with: uavcover plan"
-        )
+        raise InputError(f"{path}: the number of parts of a route is not {groups}; create it again with: uavcover plan")
     return [judge_route(site, route, maker, margin_m=0.0) for route, maker in zip(routes, makers, strict=True)]
 
 
@@ -75,7 +73,8 @@ def choose(
         seed, bounds, baselines = int(document["seed"]), dict(document["bounds"]), list(document["baselines"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: is not a plan ({type(error).__name__}: {error}); create it again with: uavcover plan"
+            f"{run.file('plan.json')}: the file is not a plan ({type(error).__name__}: {error}); create it again "
+            "with: uavcover plan"
         ) from error
     vehicles = read_plan_document(document, source=str(run.file("plan.json"))).vehicles
     result = with_sizes(site, result, autopilot=autopilot, vehicles=vehicles)
@@ -85,7 +84,7 @@ def choose(
             flights = compile_flights(site, result.chosen.route, autopilot=autopilot, vehicles=vehicles)
         except InfeasibleError as error:
             index = result.members.index(result.chosen)
-            raise InfeasibleError(f"member {index}: {error}; {run} is as it was") from error
+            raise InfeasibleError(f"member {index}: {error}; {run} was not changed") from error
     compiled, sorties = one_or_several(site, flights)
     older = save_plan(
         run, site, result, compiled=compiled, autopilot=autopilot, seed=seed,

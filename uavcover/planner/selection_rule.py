@@ -90,7 +90,7 @@ def parse_rule(text: str) -> Rule:
         return _parse_choice(rest)
     names = [condition.what for condition in conditions]
     if len(set(names)) < len(names):
-        raise InputError(f"select: {text!r} has two conditions of one kind; give the smaller one")
+        raise InputError(f"select: {text!r} has two conditions of one kind; use only the smaller one")
     choice = _parse_choice(rest or "max-coverage")
     if choice.kind == "index":
         raise InputError(f"select: {text!r} names one route; remove the conditions")
@@ -106,7 +106,7 @@ def _condition(what: str, limit: str, text: str) -> Condition:
     except ValueError:
         most = -1.0
     if not 0.0 < most < math.inf or (what != "done" and not most.is_integer()):
-        example = "a time such as 40m, 1200s or 1.5h" if what == "done" else "a whole number from 1"
+        example = "a time such as 40m, 1200s or 1.5h" if what == "done" else "a whole number of at least 1"
         raise InputError(f"select: {text!r}: {what}<= needs {example}")
     return Condition(what, most)
 
@@ -130,13 +130,13 @@ def _parse_choice(text: str) -> Rule:
         except ValueError:
             share = -1.0
         if not 0.0 <= share <= 1.0:
-            raise InputError(f"select: {text!r} needs a share between 0 and 1, as in coverage>=0.95")
+            raise InputError(f"select: {text!r} needs a fraction between 0 and 1, as in coverage>=0.95")
         return Rule(rule, "coverage", (share,))
     if match := _INDEX.fullmatch(rule):
         return Rule(rule, "index", (float(match["index"]),))
     raise InputError(
-        f"select: {text!r} is not a rule; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N, and conditions "
-        "behind it (,sorties<=N ,vehicles<=N ,done<=TIME)"
+        f"select: {text!r} is not a rule; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N, "
+        "followed by conditions (,sorties<=N ,vehicles<=N ,done<=TIME)"
     )
 
 

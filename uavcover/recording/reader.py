@@ -70,11 +70,9 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
             part = _columns(chunk, (*COLUMNS, *OPTIONAL_COLUMNS))
             parts += [part] if part.keys() >= {*COLUMNS} else []
     if warning and not parts:
-        raise RecordingError(
-            f"{path}: the recording ends before its first sample was written; track.csv beside it has them"
-        )
+        raise RecordingError(f"{path}: the recording ends before its first sample; use track.csv in the same folder")
     if (count is None and not warning) or not parts:
-        raise RecordingError(f"{path}: a recording, but without a track of uavcover")
+        raise RecordingError(f"{path}: the recording has no uavcover track")
     columns = {
         name: np.concatenate([part.get(name, np.full(part["time_s"].size, np.nan)) for part in parts])
         for name in (*COLUMNS, *OPTIONAL_COLUMNS)
@@ -147,15 +145,15 @@ def _chunks(path: Path) -> Iterator[Chunk]:
             return
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordingError(
-            f"{path}: not a whole rerun recording ({reason}); if its writer was killed, "
-            f"`rerun rrd optimize {path} -o repaired.rrd` keeps the written part"
+            f"{path}: this is not a complete rerun recording ({reason}); if its writer was killed, `rerun rrd "
+            f"optimize {path} -o repaired.rrd` keeps the written part"
         ) from error
 
 
 def _whole_chunks(path: Path) -> LazyChunkStream:
     reader = RrdReader(path)
     if not reader.recordings():
-        raise RecordingError(f"{path}: no recording in this file")
+        raise RecordingError(f"{path}: the file contains no recording")
     return reader.store().stream()
 
 

@@ -29,8 +29,8 @@ PICTURE_SIZE = (1600, 1000)
 
 
 _NO_DRIVER = (
-    "no graphics driver: the screenshot needs Vulkan, a software one will do "
-    "(Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1)"
+    "no graphics driver: the screenshot needs Vulkan; a software driver is sufficient (Debian and Ubuntu: apt-get "
+    "install mesa-vulkan-drivers libvulkan1)"
 )
 
 
@@ -204,14 +204,14 @@ def _start_viewer(arguments: list[str], log: IO[bytes]) -> subprocess.Popen[byte
             start_new_session=True,
         )
     except OSError as error:
-        raise RecordingError(f"the rerun viewer does not start ({error.strerror or error})") from error
+        raise RecordingError(f"the rerun viewer cannot be started ({error.strerror or error})") from error
 
 
 def _viewer_program() -> Path:
     """The viewer of rerun-sdk, started without its Python wrapper so that killing it works."""
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
-        raise RecordingError("the rerun viewer is not installed; `pip install rerun-sdk` brings it")
+        raise RecordingError("the rerun viewer is not installed; install it with `pip install rerun-sdk`")
     folder = Path(package.origin).parent
     bundled = folder / "Rerun.app" / "Contents" / "MacOS" / "Rerun"
     if sys.platform == "darwin" and bundled.exists():

@@ -80,9 +80,9 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
         InputError: the file cannot be used, and why.
     """
     if site.frame is None:
-        raise InputError("--background: the scenario has no position on Earth, so no map fits behind it")
+        raise InputError("--background: the scenario has no position on Earth, so it cannot have a background map")
     if not path.is_file():
-        raise InputError(f"--background: {path}: no such file; give a GeoTIFF or MBTiles file")
+        raise InputError(f"--background: {path}: no such file; use a GeoTIFF or MBTiles file")
     west, south, east, north = bounds_m
     grid_e, grid_n = np.meshgrid(np.linspace(west, east, BACKGROUND.nodes), np.linspace(north, south, BACKGROUND.nodes))
     middle_up = float(np.nan_to_num(site.ground.heights_m(np.array([[(west + east) / 2.0, (south + north) / 2.0]]))[0]))
@@ -100,13 +100,14 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
     except (rasterio.errors.RasterioError, ProjError, sqlite3.Error, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"--background: {path}: cannot be read as GeoTIFF or MBTiles ({reason}); export the map again as one of these"
+            f"--background: {path}: the file cannot be read as GeoTIFF or MBTiles ({reason}); export the map again "
+            "as one of these"
         ) from error
     warped = _warped(picture, size)
     if not warped[..., 3].any():
         raise InputError(
-            f"--background: {path}: does not cover the map around latitude {lat.mean():.5f}, longitude {lon.mean():.5f}; "
-            "give a file of this location"
+            f"--background: {path}: the file does not cover the map around latitude {lat.mean():.5f}, longitude "
+            f"{lon.mean():.5f}; use a file of this location"
         )
     return Background(data_uri(warped, "WEBP", quality=BACKGROUND.quality), picture.attribution, path.name)
 
@@ -135,11 +136,11 @@ def _of_geotiff(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, i
     # No other driver: a VRT, for one, may name files on the network.
     with rasterio.open(path.resolve(), driver="GTiff") as dataset:
         if dataset.crs is None:
-            raise InputError(f"--background: {path}: has no coordinate system; save it as a GeoTIFF with one")
+            raise InputError(f"--background: {path}: the file has no coordinate system; save it as a GeoTIFF with one")
         if any(kind != "uint8" for kind in dataset.dtypes):
             raise InputError(
-                f"--background: {path}: its bands are {', '.join(sorted(set(dataset.dtypes)))}, not 8 bits; convert it with: "
-                "gdal_translate -ot Byte -scale IN OUT"
+                f"--background: {path}: the bands of the file are {', '.join(sorted(set(dataset.dtypes)))}, not 8 "
+                "bits; convert it with: gdal_translate -ot Byte -scale IN OUT"
             )
         to_file = Transformer.from_crs(4326, dataset.crs.to_wkt(), always_xy=True)
         column, row = _finite(_pixels(dataset, to_file, lat, lon))
@@ -179,11 +180,11 @@ def _of_mbtiles(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, i
         facts = {str(name): str(value) for name, value in database.execute("SELECT name, value FROM metadata")}
         if facts.get("format", "png").lower() in {"pbf", "mvt"}:
             raise InputError(
-                f"--background: {path}: has vector tiles, which are no images; give raster MBTiles (PNG, JPEG)"
+                f"--background: {path}: the file has vector tiles, which are not images; use raster MBTiles (PNG, JPEG)"
             )
         zooms = [int(z) for (z,) in database.execute("SELECT DISTINCT zoom_level FROM tiles ORDER BY zoom_level")]
         if not zooms:
-            raise InputError(f"--background: {path}: has no tiles")
+            raise InputError(f"--background: {path}: the file has no tiles")
         x, y = _mercator_shares(lat, lon)
         zoom = _zoom(x, y, zooms, size)
         tiles = 2**zoom
@@ -221,7 +222,7 @@ def _mosaic(
     columns, rows = last[0] - first[0] + 1, last[1] - first[1] + 1
     if columns * rows > BACKGROUND.most_tiles:
         raise InputError(
-            f"--background: {path}: its coarsest tiles are too many for the map; give one with lower zooms"
+            f"--background: {path}: the coarsest zoom level has too many tiles for the map; use a file with lower zoom levels"
         )
     out, pixels = np.zeros((rows, columns, 4), dtype=np.uint8), 1
     for column in range(columns):
@@ -238,7 +239,9 @@ def _mosaic(
                 pixels = tile.shape[0]
                 out = np.zeros((rows * pixels, columns * pixels, 4), dtype=np.uint8)
             if tile.shape[0] != pixels:
-                raise InputError(f"--background: {path}: tile {place} has {tile.shape[0]} pixels, others {pixels}")
+                raise InputError(
+                    f"--background: {path}: tile {place} has {tile.shape[0]} pixels, but others have {pixels}"
+                )
             out[row * pixels : (row + 1) * pixels, column * pixels : (column + 1) * pixels] = tile
     return out, pixels
 

@@ -36,7 +36,7 @@ def save_figures(content: ReportContent, folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+        raise OutputError(f"{folder}: the folder cannot be created ({error.strerror or error})") from error
     drawn = [(_side_view(content), FIGURE_NAMES[0]), (_top_view(content), FIGURE_NAMES[1])]
     return [_save(figure, folder / name) for figure, name in drawn]
 
@@ -160,5 +160,5 @@ def _save(figure: Figure, path: Path) -> Path:
     except ValueError as error:
         raise OutputError(f"{path}: {error}; use .png, .svg or .pdf") from error
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise OutputError(f"{path}: the file cannot be written ({error.strerror or error})") from error
     return path

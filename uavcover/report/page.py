@@ -319,9 +319,12 @@ def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
     notices = [f"a change since planning or flight was accepted: {change}" for change in inputs.changes]
     notices += [unsealed_in_words(name) for name in inputs.unsealed]
     if flown and verdict is None:
-        notices.append("the run folder contains no verdict of uavcover verify, so this report computed its own")
+        notices.append("the run folder contains no verdict of uavcover verify, so this report computes its own")
     elif verdict is not None and not same_inputs(verdict, inputs):
-        notices.append("verification.json was computed from other inputs than this report; run uavcover verify again")
+        notices.append(
+            "verification.json was computed from inputs that differ from those of this report; run "
+            "uavcover verify again"
+        )
     return notices
 
 

@@ -81,7 +81,7 @@ def height_over_time(content: ReportContent, verdict: Verdict) -> Chart:
             words += f" of {flight.name}"
         plot.mark("violation", minute, height, radius=5.0, title=words)
     keys = [Key("violation", "violation", is_mark=True)] if verdict.report.violations else []
-    which = "" if len(flights) == 1 else f", {len(flights)} flights one after the other"
+    which = "" if len(flights) == 1 else f", {len(flights)} consecutive flights"
     return plot.finished(
         "height", f"Height above ground in flight{which}", x_label="minutes of flight", y_label="m", mark_keys=keys
     )

@@ -43,7 +43,7 @@ _DEAF_TO_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 """A terminal sends Ctrl-C to all processes of a command; who started the workers decides."""
 
 _DASK = r"(dask|distributed)(\.|$)"
-_GOES_ON = "finished work is kept: repeat the command"
+_GOES_ON = "finished work is kept; repeat the command"
 
 
 class _TaskError(Exception):
@@ -120,8 +120,8 @@ class DaskWorkers:
             raise error.__cause__ or error from None
         except KilledWorker as error:
             raise UavcoverError(
-                f"{self._where}: a task lost its worker repeatedly, {error.last_worker.address} last (is there enough "
-                f"memory?); {_GOES_ON}"
+                f"{self._where}: a task lost its worker repeatedly (last: {error.last_worker.address}); check its "
+                f"memory; {_GOES_ON}"
             ) from error
         except (CancelledError, asyncio.CancelledError, CommClosedError, OSError) as error:
             raise UavcoverError(f"{self._where}: the scheduler stopped; {_GOES_ON}") from error
@@ -183,13 +183,15 @@ def remote_workers(address: str) -> Iterator[DaskWorkers]:
             client = Client(address, timeout=_ANSWER_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise InputError(
-                f"{where}: no Dask scheduler answers there; start one with: dask scheduler --host HOST --port PORT"
+                f"{where}: no Dask scheduler answers at this address; start one with: dask scheduler --host HOST --port PORT"
             ) from error
         with client:
             try:
                 client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
             except TimeoutError:
-                raise InputError(f"{where}: has no workers; start some with: dask worker {address}") from None
+                raise InputError(
+                    f"{where}: the scheduler has no workers; start some with: dask worker {address}"
+                ) from None
             _require_same_program(client, where)
             yield DaskWorkers(client, where)
 

@@ -64,7 +64,9 @@ def change_together(
     gone = [name for name in removed if name not in contents and os.path.lexists(folder / name)]
     for name in (*contents, *gone):
         if name not in moved and (folder / name).is_dir():
-            raise OutputError(f"{folder / name}: a directory is in the way of this file; move it away")
+            raise OutputError(
+                f"{folder / name}: this is a directory, but a file must be written here; move or rename it"
+            )
     if not gone and not moved and len(contents) <= 1:
         for name, content in contents.items():
             write_file(folder / name, content)
@@ -98,7 +100,7 @@ def change_together(
             with contextlib.suppress(OSError):
                 path.rmdir()
         where = error.filename2 or error.filename or folder
-        raise OutputError(f"{where}: cannot be written ({error.strerror}); nothing was changed") from error
+        raise OutputError(f"{where}: the file cannot be written ({error.strerror}); nothing was changed") from error
 
 
 def is_unsettled(folder: Path) -> bool:
@@ -123,8 +125,8 @@ def settle(folder: Path) -> None:
             _finish(folder, staged)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise OutputError(
-                f"{folder}: replacing its files was interrupted, and this cannot be completed ({error}); "
-                f"correct this, or see {JOURNAL} there"
+                f"{folder}: replacing files was interrupted and cannot be completed ({error}); correct the cause, or "
+                f"see {JOURNAL} in this folder"
             ) from error
     for left in folder.glob(f"{_STAGED}*"):
         shutil.rmtree(left, ignore_errors=True)
@@ -178,7 +180,7 @@ def _forward(folder: Path, steps: Iterable[Step]) -> None:
             os.rename(folder / source, folder / target)
         elif kind == _PLACE and begun:
             if done:
-                raise FileExistsError(None, "something is in the way", str(folder / target))
+                raise FileExistsError(None, "a file or folder with this name exists", str(folder / target))
             (folder / target).parent.mkdir(parents=True, exist_ok=True)  # its folder may have gone away whole
             os.rename(folder / source, folder / target)
 
@@ -191,7 +193,7 @@ def _back(folder: Path, steps: Iterable[Step]) -> None:
             if (folder / source).is_dir():
                 os.rmdir(folder / source)  # made for what was taken back
             elif os.path.lexists(folder / source):
-                raise FileExistsError(None, "something is in the way", str(folder / source))
+                raise FileExistsError(None, "a file or folder with this name exists", str(folder / source))
             os.rename(folder / target, folder / source)
 
 
@@ -237,7 +239,9 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or type(error).__name__
-        raise OutputError(f"{path}: cannot be written ({reason}); free some space or choose another folder") from error
+        raise OutputError(
+            f"{path}: the file cannot be written ({reason}); free some space or choose another folder"
+        ) from error
 
 
 def numbered(out: Path, number: int) -> str:

@@ -27,8 +27,8 @@ def site_for(log: Path, run: RunFolder, site: Site) -> Site:
     inside = log.resolve().is_relative_to(run.path.resolve())
     if not inside:
         raise InputError(
-            f"{log}: the vehicles of {run} differ, and the log does not show which one flew it: judge it by its own plan: "
-            f"{to_paste('verify', f'{run}/sortie-N', '--log', log)}"
+            f"{log}: the vehicles of {run} differ, and the log does not show which one flew it: judge it with the "
+            f"plan of that vehicle: {to_paste('verify', f'{run}/sortie-N', '--log', log)}"
         )
     beside = RunFolder(log.parent).file("scenario.toml")
     scenario = load_scenario(beside) if beside.exists() else site.scenario
@@ -36,4 +36,4 @@ def site_for(log: Path, run: RunFolder, site: Site) -> Site:
     for own in vehicle_sites(site):
         if is_alike(own.scenario, scenario):
             return own
-    raise InputError(f"{beside}: has a vehicle or a home that is none of {run.file('scenario.toml')}; plan again")
+    raise InputError(f"{beside}: the vehicle or home is not one of {run.file('scenario.toml')}; plan again")

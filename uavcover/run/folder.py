@@ -52,11 +52,11 @@ class RunFolder:
         if not sorties and sortie is None:
             return self
         if not sorties:
-            raise InputError(f"{self.path}: is one flight without sorties; omit --sortie")
+            raise InputError(f"{self.path}: the run is one flight without sorties; omit --sortie")
         if sortie is None or not 1 <= sortie <= len(sorties):
             named = "" if sortie is None else f", not sortie {sortie}"
             raise InputError(
-                f"{self.path}: has {len(sorties)} sorties{named}: add --sortie N, from 1 to {len(sorties)}"
+                f"{self.path}: the run has {len(sorties)} sorties{named}: add --sortie N, from 1 to {len(sorties)}"
             )
         return sorties[sortie - 1]
 
@@ -69,9 +69,9 @@ class RunFolder:
         self.settle()
         path = self.file(name)
         if not self.path.is_dir():
-            raise InputError(f"{self.path}: no such run folder; it is made by: uavcover plan")
+            raise InputError(f"{self.path}: no such run folder; create it with: uavcover plan")
         if not path.is_file():
-            raise InputError(f"{self.path}: has no {name}; it is made by: {made_by}")
+            raise InputError(f"{self.path}: the run folder has no {name}; create it with: {made_by}")
         return path
 
     @contextlib.contextmanager
@@ -118,7 +118,7 @@ class RunFolder:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise OutputError(
-                    f"{self.path}: another uavcover is working in this folder; wait for it, or use another folder"
+                    f"{self.path}: another uavcover process uses this folder; wait for it, or use another folder"
                 ) from None
             except OSError:
                 pass  # a file system without locks
@@ -193,9 +193,11 @@ class RunFolder:
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
-            raise InputError(f"{path}: cannot be read as JSON ({error}); create it again with: {made_by}") from error
+            raise InputError(
+                f"{path}: the file cannot be read as JSON ({error}); create it again with: {made_by}"
+            ) from error
         if not isinstance(document, dict):
-            raise InputError(f"{path}: is not a JSON object; create it again with: {made_by}")
+            raise InputError(f"{path}: the file is not a JSON object; create it again with: {made_by}")
         return document
 
 

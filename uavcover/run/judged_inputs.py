@@ -49,8 +49,8 @@ class Change:
             return self.why
         was, now = (None if value is None else value[:_SHOWN_DIGITS] for value in (self.was, self.now))
         if was is None:
-            return f"{self.file} was not there, and is {now} now"
-        return f"{self.file} was {was}, and is {'gone' if now is None else f'{now} now'}"
+            return f"{self.file} did not exist and is now {now}"
+        return f"{self.file} was {was} and is now {'gone' if now is None else now}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ def check_accepted(accepted: Sequence[str]) -> None:
     """
     for word in accepted:
         if word not in (*WHATS, EVERYTHING):
-            raise InputError(f"--accept-changed: {word!r} is none of {', '.join((*WHATS, EVERYTHING))}")
+            raise InputError(f"--accept-changed: {word!r} is not one of {', '.join((*WHATS, EVERYTHING))}")
 
 
 def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str], *, who_accepts: str = "") -> None:
@@ -216,7 +216,7 @@ def _files_sha256(source: TerrainSource) -> str | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise InputError(f"{source}: cannot be read ({error.strerror})") from error
+        raise InputError(f"{source}: the file cannot be read ({error.strerror})") from error
 
 
 @dataclass(slots=True)
@@ -239,7 +239,7 @@ class _Finding:
         if record.version is not None and record.version != version():
             now = version()
             self.changes.append(
-                Change("version", where, record.version, now, f"uavcover was {record.version}, and is {now} now")
+                Change("version", where, record.version, now, f"uavcover was {record.version} and is now {now}")
             )
 
     def add_files(self, folder: RunFolder, record: Record) -> None:
@@ -261,7 +261,7 @@ class _Finding:
             was, now = of_run.inputs.get("scenario"), record.inputs.get("scenario")
             if was != now:
                 where = self.name(folder.file("plan.json"))
-                self.changes.append(Change("plan", where, was, now, f"{where} was planned for another scenario"))
+                self.changes.append(Change("plan", where, was, now, f"{where} was planned for a different scenario"))
 
     def add_surroundings(
         self, record: Record, names: Mapping[str, str], elevation: Mapping[str, str | None], obstacles: str | None
@@ -316,7 +316,7 @@ class _Finding:
                 continue
             for folder, before in _continuations_of(RunFolder(log.parent)):
                 if not continues(folder, before):
-                    why = f"{self.name(folder.path)} goes on with another {self.name(before.file(TRACK))} than the one there"
+                    why = f"{self.name(folder.path)} continues a different {self.name(before.file(TRACK))}"
                     self.changes.append(Change("track", self.name(before.file(TRACK)), why=why))
 
     def add_if_changed(self, what: str, path: Path, was: str | None) -> None:
@@ -378,7 +378,7 @@ def _log_named(run: RunFolder, name: str, sha256: object) -> Path:
     found = next((place for place in places if place.is_file() and sha256_of(place) == sha256), None)
     if found is None:
         raise InputError(
-            f"{run}: its verdict is on {name}, which is not here or has changed; name the log: --log PATH/{name}"
+            f"{run}: the verdict refers to {name}, which is missing or has changed; specify the log with --log PATH/{name}"
         )
     return found
 

@@ -59,7 +59,7 @@ def sha256_of(path: Path) -> str | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        raise InputError(f"{path}: the file cannot be read ({error.strerror})") from error
 
 
 def sha256_of_content(content: str | bytes) -> str:
@@ -151,7 +151,7 @@ def read_record(run: RunFolder) -> Record:
         return Record(None, _files(entries), None, (*faults, f"{RUN_FILE} has no record of a plan"))
     plan = entries[planned[-1]]
     if document.get("inputs") != plan["inputs"]:
-        faults.append(f"inputs of {RUN_FILE} are not those of its own record")
+        faults.append(f"the inputs of {RUN_FILE} differ from those of its own record")
     inputs = {name: _hash_in(value) for name, value in plan["inputs"].items()}
     return Record(inputs, _files(entries[planned[-1] :]), str(plan.get("uavcover")), tuple(faults))
 
@@ -263,7 +263,7 @@ def note_flying(run: RunFolder) -> None:
 
 def note_interrupted(run: RunFolder) -> None:
     """The flight is not followed any more, and how it goes on is not known; errors as ``note_flying``."""
-    _note(run, {"ending": INTERRUPTED, "vehicle_now": "not known: it was not followed to the end"})
+    _note(run, {"ending": INTERRUPTED, "vehicle_now": "unknown: it was not followed to the end"})
 
 
 def settled_ending(run: RunFolder) -> str | None:

@@ -75,8 +75,8 @@ class SpaceReserve:
         except OSError as error:
             if error.errno in _NO_ROOM:
                 raise OutputError(
-                    f"{folder}: not enough disk space for the flight record, which may need {size_bytes / 1e6:.0f} MB "
-                    f"({error.strerror}); free some space or choose another folder; nothing was armed"
+                    f"{folder}: not enough disk space for the flight record, which may need {size_bytes / 1e6:.0f} "
+                    f"MB ({error.strerror}); free some space or choose another folder; the vehicle was not armed"
                 ) from None
             if shutil.disk_usage(folder).free < size_bytes:
                 raise OutputError(
@@ -123,9 +123,9 @@ class TrackWriter:
         try:
             self._file = path.open("wb" if overwrite else "xb", buffering=0)
         except FileExistsError:
-            raise OutputError(f"{path}: exists already: use --force to replace it") from None
+            raise OutputError(f"{path}: the file already exists: use --force to replace it") from None
         except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"{path}: the file cannot be written: {error.strerror}") from None
         self._write(",".join((*COLUMNS, *OPTIONAL_COLUMNS)))
 
     def write(self, sample: TrackSample) -> None:
@@ -172,7 +172,7 @@ class TrackWriter:
                 raise self._failed(error) from None
 
     def _failed(self, error: OSError) -> OutputError:
-        return OutputError(f"{self.path}: cannot be written after {self.count} samples: {error.strerror}")
+        return OutputError(f"{self.path}: the file cannot be written after {self.count} samples: {error.strerror}")
 
 
 def read_track(path: Path) -> Track:
@@ -200,9 +200,9 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
             return ReadTrack(track, ())
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise TrackError(f"{path}: cannot be read: {error.strerror}") from None
+        raise TrackError(f"{path}: the file cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise TrackError(f"{path}: is not text; {path.suffix or 'this'} is not a track.csv") from None
+        raise TrackError(f"{path}: the file is not text; {path.suffix or 'this'} is not a track.csv") from None
     warnings: list[str] = []
     cut_off = bool(text) and not text.endswith("\n")
     if cut_off:
@@ -229,7 +229,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     except FormatError as error:
         raise TrackError(f"{path}: {error}") from error
     if len(values) == 0:
-        raise TrackError(f"{path}: there are no samples in it")
+        raise TrackError(f"{path}: the track has no samples")
     return ReadTrack(
         Track(
             time_s=values[:, 0].copy(),
@@ -319,7 +319,7 @@ def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str
         time_s, lat_deg, lon_deg = values[:3]
         if time_s <= before_s:
             raise TrackError(
-                f"{path}: line {line}, time_s: {time_s!r} does not come after {before_s!r} of the line before"
+                f"{path}: line {line}, time_s: {time_s!r} does not come after {before_s!r} of the previous line"
             )
         if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
             raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a position on Earth")
@@ -327,7 +327,7 @@ def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str
             raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is not a whole number")
         pictures = dict(zip(places, values, strict=True)).get(PICTURES_COLUMN, 0.0)
         if not (math.isnan(pictures) or (pictures >= 0.0 and pictures.is_integer())):
-            raise TrackError(f"{path}: line {line}, {PICTURES_COLUMN}: {pictures!r} is not a number of pictures")
+            raise TrackError(f"{path}: line {line}, {PICTURES_COLUMN}: {pictures!r} is not a number of photos")
         unix_s = dict(zip(places, values, strict=True)).get(UNIX_TIME_COLUMN, math.nan)
         if not (math.isnan(unix_s) or is_flight_time(unix_s)):
             raise TrackError(f"{path}: line {line}, {UNIX_TIME_COLUMN}: {unix_s!r} is not a time since 1970")
@@ -342,7 +342,7 @@ def _written(value: float) -> str:
 
 def _number(path: Path, line: int, name: str, row: list[str], place: int) -> float:
     if place >= len(row):
-        raise TrackError(f"{path}: line {line}, {name}: is missing; the line has {len(row)} values")
+        raise TrackError(f"{path}: line {line}, {name}: the value is missing; the line has {len(row)} values")
     if name in MAY_BE_EMPTY and not row[place].strip():
         return math.nan
     try:

@@ -10,9 +10,9 @@ from uavcover.errors import ScenarioError
 LAUNCH_POINTS = "launch_point"
 
 _OF_SEVERAL = {
-    "home": "has its home in [home]",
+    "home": "needs its home in [home]",
     "area": "covers the whole [area]",
-    "sensor": "has its sensor in [sensor]",
+    "sensor": "needs its sensor in [sensor]",
 }
 """Keys of a [[vehicle]] that one vehicle alone does not have, and where it has them."""
 
@@ -39,8 +39,8 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     if isinstance(fleet, dict):
         if fleet.get("vehicles", count) != count:
             raise ScenarioError(
-                f"{source}: fleet.vehicles: is {fleet['vehicles']!r}, and there are {count} [[vehicle]] tables; "
-                "give one of both"
+                f"{source}: fleet.vehicles: the value is {fleet['vehicles']!r}, but there are {count} [[vehicle]] "
+                "tables; use only one of the two"
             )
         fleet = {**fleet, "vehicles": count}
     first = listed[0]
@@ -51,7 +51,7 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     homes = [table.get("home", home) for table in listed]
     if missing := [number for number, place in enumerate(homes) if place is None]:
         raise ScenarioError(
-            f"{source}: vehicle.{missing[0]}.home: is missing, and there is no [home] for vehicles without their own home"
+            f"{source}: vehicle.{missing[0]}.home: the key is missing, and there is no [home] for vehicles without their own home"
         )
     if home is not None and home not in homes:
         raise ScenarioError(f"{source}: home: every [[vehicle]] has its own home; remove [home]")
@@ -71,17 +71,20 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
         )
     if home is None:
         raise ScenarioError(
-            f"{source}: {LAUNCH_POINTS}: are positions besides [home], which is missing; make one of them [home]"
+            f"{source}: {LAUNCH_POINTS}: launch points are positions in addition to [home], which is missing; write "
+            "one of them as [home]"
         )
     if not isinstance(vehicle, dict) or not isinstance(fleet, dict) or fleet.get("vehicles", 1) != 1:
-        raise ScenarioError(f"{source}: {LAUNCH_POINTS}: is for one [vehicle]; several vehicles need their own homes")
+        raise ScenarioError(
+            f"{source}: {LAUNCH_POINTS}: launch points are for one [vehicle]; several vehicles need their own homes"
+        )
     if fleet.get("one_at_a_time", True) is not True:
         raise ScenarioError(f"{source}: fleet.one_at_a_time: one vehicle with launch points flies one flight at a time")
     _refuse_of_several(vehicle, f"{source}: vehicle")
     homes = [home, *points]
     for number, point in enumerate(homes):
         if point in homes[:number]:
-            raise ScenarioError(f"{source}: {LAUNCH_POINTS}.{number - 1}: repeats an earlier position; omit it")
+            raise ScenarioError(f"{source}: {LAUNCH_POINTS}.{number - 1}: this repeats an earlier position; omit it")
     others = {key: value for key, value in raw.items() if key != LAUNCH_POINTS}
     return others | {
         "vehicle": [{**vehicle, "home": place} for place in homes],
@@ -92,4 +95,4 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
 def _refuse_of_several(table: dict[str, Any], where: str) -> None:
     for key, instead in _OF_SEVERAL.items():
         if key in table:
-            raise ScenarioError(f"{where}.{key}: one vehicle {instead}; [[vehicle]] is for several")
+            raise ScenarioError(f"{where}.{key}: a single vehicle {instead}; [[vehicle]] is for several")

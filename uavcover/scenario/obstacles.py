@@ -109,8 +109,8 @@ def _highest_ground_m(ground: Ground, footprint: Footprint) -> float:
     if not (np.isfinite(on_edges).all() and np.isfinite(inside).all()):
         east, north = footprint.polygon.representative_point().coords[0]
         raise TerrainError(
-            f"obstacle {footprint.name!r}: no elevation under all of its footprint at {east:.0f} m east, {north:.0f} m north "
-            f"of the origin ({ground.source}); remove it, or give elevation data that reaches there"
+            f"obstacle {footprint.name!r}: no elevation under all of its footprint at {east:.0f} m east, {north:.0f} "
+            f"m north of the origin ({ground.source}); remove it, or use elevation data that covers it"
         )
     return float(max(on_edges.max(), inside.max(initial=-math.inf)))
 
@@ -179,8 +179,8 @@ def read_geojson(path: Path, *, key: str) -> Any:
         text = repr(crs)
         shown = text if len(text) <= 60 else f"{text[:57]}..."
         raise ScenarioError(
-            f"{key}: {path} names another coordinate system ({shown}); convert it to longitude and latitude "
-            "on WGS 84 (ogr2ogr -t_srs EPSG:4326)"
+            f"{key}: {path} has a different coordinate system ({shown}); convert it to longitude and latitude on WGS "
+            "84 (ogr2ogr -t_srs EPSG:4326)"
         )
     return document
 
@@ -227,7 +227,7 @@ def read_obstacles(path: Path) -> tuple[Obstacle, ...]:
         return _from_table(path)
     if suffix in {".kml", ".kmz"}:
         return read_kml_obstacles(path, key=_KEY)
-    raise ScenarioError(f"{_KEY}: {path} is none of .geojson, .kml, .kmz, .csv")
+    raise ScenarioError(f"{_KEY}: {path} is not a .geojson, .kml, .kmz or .csv file")
 
 
 def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
@@ -270,7 +270,7 @@ def _from_table(path: Path) -> tuple[Obstacle, ...]:
     for line, cells in rows:
         try:
             if len(cells) < len(header):
-                raise ValueError(f"{len(cells)} cells, the header has {len(header)}")
+                raise ValueError(f"{len(cells)} cells, but the header has {len(header)}")
             row = dict(zip(header, cells, strict=False))
             east, north, length, width, heading, height = (float(row[column]) for column in _COLUMNS)
             if not all(map(math.isfinite, (east, north, length, width, heading))) or min(length, width) <= 0.0:
@@ -329,7 +329,7 @@ def read_kml_obstacles(path: Path, *, key: str) -> tuple[Obstacle, ...]:
     except OSError as error:
         raise ScenarioError(f"{key}: {path} cannot be read ({error.__class__.__name__})") from error
     if not found:
-        raise ScenarioError(f"{key}: {path}: has no polygon")
+        raise ScenarioError(f"{key}: {path}: the file has no polygon")
     return tuple(found)
 
 
@@ -356,8 +356,8 @@ def _obstacle(polygon: ElementTree.Element, told_m: float | None, name: str) -> 
         mode = child_text(polygon, "altitudeMode") or "clampToGround"
         if mode != "relativeToGround" or not tops:
             raise ScenarioError(
-                f"polygon {name!r} has no height above ground (altitudeMode {mode}); save it with relativeToGround, or give it "
-                "data height_m"
+                f"polygon {name!r} has no height above ground (altitudeMode {mode}); save it with relativeToGround, "
+                "or add the data field height_m"
             )
         told_m = max(tops)
     return Obstacle(height_m=told_m, rings_lon_lat_deg=tuple(rings), name=name)
@@ -370,6 +370,6 @@ def check_is_clear(key: str, scenario: Scenario, place_en: FloatArray, footprint
         distance_m = footprint.polygon.distance(shapely.Point(place_en))
         if distance_m < clearance_m:
             raise ScenarioError(
-                f"{key}: {distance_m:.1f} m from obstacle {footprint.name!r}, obstacles.clearance_beside_m is {clearance_m:g} m; "
-                "move the position"
+                f"{key}: {distance_m:.1f} m from obstacle {footprint.name!r}, but obstacles.clearance_beside_m is "
+                f"{clearance_m:g} m; move the position"
             )

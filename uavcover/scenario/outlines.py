@@ -41,7 +41,7 @@ def with_rings(outline: _Given, folder: Path, *, key: str) -> _Given:
             raise ScenarioError(f"{key}.geojson: {path} has no polygon; at least one is needed")
         return _of_parts(parts, outline)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
-        raise ScenarioError(f"{key}.geojson: {path}: not a GeoJSON polygon ({error})") from error
+        raise ScenarioError(f"{key}.geojson: {path}: the file is not a GeoJSON polygon ({error})") from error
 
 
 def outline_mistakes(outline: Outline, folder: Path, *, key: str) -> list[str]:

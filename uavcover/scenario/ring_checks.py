@@ -23,7 +23,7 @@ def across_180(*rings: Ring) -> list[Ring]:
 def valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
     """The polygon of a ring; none for an invalid one, which adds a line to ``found``."""
     if len({*ring}) < 3:
-        found.append(f"{where}: a ring needs at least 3 different corners, this one has {len({*ring})}")
+        found.append(f"{where}: a ring needs at least 3 different corners, but this one has {len({*ring})}")
         return None
     polygon = shapely.Polygon(ring)
     if not polygon.is_valid:
@@ -58,13 +58,13 @@ def no_fly_mistakes(zones: Sequence[NoFly], *, on_earth: bool) -> list[str]:
         where = f"no_fly.{number}{f' ({zone.name})' if zone.name else ''}"
         if zone.is_geographic and not on_earth:
             found.append(
-                f"{where}: longitudes and latitudes need an [origin]; give polygon_east_north_m or center_east_north_m"
+                f"{where}: longitudes and latitudes need an [origin]; add it, or use polygon_east_north_m or center_east_north_m"
             )
         for rings in zone.parts:
             outer, *holes = across_180(*rings) if zone.is_geographic else rings
             polygon = valid_ring(outer, where, found)
             if polygon is not None and not polygon.area > 0.0:
-                found.append(f"{where}: has no area; draw it again")
+                found.append(f"{where}: the ring has no area; draw it again")
             for hole_number, ring in enumerate(holes):
                 hole = valid_ring(ring, f"{where}: hole {hole_number}", found)
                 if polygon is not None and hole is not None and not polygon.covers(hole):
@@ -78,7 +78,7 @@ def prism_mistakes(prisms: Sequence[Obstacle], *, on_earth: bool) -> list[str]:
     for number, prism in enumerate(prisms):
         where = f"obstacles.prisms.{number} ({prism.name or 'no name'})"
         if prism.rings_lon_lat_deg and not on_earth:
-            found.append(f"{where}: longitudes and latitudes need an [origin]; give rings_east_north_m")
+            found.append(f"{where}: longitudes and latitudes need an [origin]; add it, or use rings_east_north_m")
         outer, *courts = [
             valid_ring(ring, where, found) for ring in prism.rings_lon_lat_deg or prism.rings_east_north_m
         ]

@@ -59,14 +59,14 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         path = Path(str(resources.files("uavcover") / "scenarios" / f"{name_or_path}.toml"))
     if path.suffix.lower() in AREA_SUFFIXES:
         raise ScenarioError(
-            f"{name_or_path}: is an area, not a scenario; uavcover new {name_or_path} makes a scenario of it"
+            f"{name_or_path}: this is an area, not a scenario; create a scenario with: uavcover new {name_or_path}"
         )
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(
-            f"{name_or_path}: neither a readable scenario file ({error.__class__.__name__}) nor a bundled scenario "
-            f"({', '.join(bundled)})"
+            f"{name_or_path}: this is neither a readable scenario file ({error.__class__.__name__}) nor a bundled "
+            f"scenario ({', '.join(bundled)})"
         ) from error
     return parse_scenario(text, source=str(name_or_path), folder=path.resolve().parent)
 
@@ -85,7 +85,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     try:
         raw = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ScenarioError(f"{source}: not valid TOML: {error}") from error
+        raise ScenarioError(f"{source}: the file is not valid TOML: {error}") from error
     raw, given = with_fleet(raw, source=source), raw
     raw, own_sensors = _with_built_in_sensors(raw, source)
     # Validated as JSON: there the validator accepts a list for a tuple and a table for a dataclass, and is strict otherwise.
@@ -115,7 +115,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     drawn = [zone for zone in scenario.no_fly if zone.file is None]
     mistakes += no_fly_mistakes(drawn, on_earth=on_earth)[:_MOST_MISTAKES]
     if not on_earth and len(drawn) < len(scenario.no_fly):
-        mistakes.append("no_fly: zones of a file need a position on Earth; give an [origin]")
+        mistakes.append("no_fly: zones from a file need a position on Earth; add an [origin]")
     if mistakes:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
     return dataclasses.replace(
@@ -273,7 +273,7 @@ def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any], *, launched: bool
                 elif "kind" in section:
                     message = f"{name}.kind: must be {names}, not {_shown(kind)}"
                 else:
-                    message = f"{name}.kind: is missing; give {names}"
+                    message = f"{name}.kind: the key is missing; use {names}"
             elif own == by_kind[kind]:
                 kinds = [cls for cls in classes if cls.__name__ == own]
                 message = _mistake(details, [*begin, *keys[len(begin) + 1 :]], kinds)
@@ -293,9 +293,9 @@ def _mistake(details: ErrorDetails, keys: list[str | int], classes: list[type]) 
         case "unexpected_keyword_argument":
             return f"{path}: unknown key{_suggestion(str(keys[-1]), classes[0] if len(keys) > 1 else Scenario)}"
         case "missing" | "missing_argument" if isinstance(keys[-1], int):
-            return f"{path}: is missing; a corner is a pair of numbers"
+            return f"{path}: a number is missing; a corner is a pair of numbers"
         case "missing" | "missing_argument":
-            return f"{path}: is missing"
+            return f"{path}: the key is missing"
         case "float_type" | "finite_number":
             return f"{path}: must be a finite number, not {given} (the unit is the one in the name of the key)"
         case "int_type" | "int_from_float":
@@ -386,7 +386,7 @@ def with_no_fly(scenario: Scenario, files: Sequence[str], *, margin_m: float) ->
         InputError: a file cannot be used, or the scenario has no position on Earth.
     """
     if not (scenario.area.is_geographic or scenario.origin is not None):
-        raise InputError(f"--no-fly: scenario {scenario.name} has no position on Earth; give it an [origin]")
+        raise InputError(f"--no-fly: scenario {scenario.name} has no position on Earth; add an [origin]")
     entries = tuple(NoFly(file=str(Path(file).resolve()), margin_m=margin_m) for file in files)
     try:
         zones = _inline_zones(dataclasses.replace(scenario, no_fly=entries), Path())

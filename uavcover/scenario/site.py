@@ -192,11 +192,11 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     if frame is not None:
         _check_near(scenario, area, fence, home_en)
     if home_en is not None and not fence.covers(shapely.Point(home_en)):
-        raise ScenarioError("home: the take-off position is outside limits.fence; move one of the two")
+        raise ScenarioError("home: the take-off position is outside limits.fence; move the position or the fence")
     rally = rally_en(scenario, frame)
     for number, place in enumerate(rally):
         if not fence.covers(shapely.Point(place)):
-            raise ScenarioError(f"planner.rally.{number}: lies outside limits.fence; move the rally point")
+            raise ScenarioError(f"planner.rally.{number}: the position is outside limits.fence; move the rally point")
     footprints = _footprints(scenario, frame, shapely.union_all([area, fence]))
     bounds = shapely.union_all([area, fence, *(footprint.polygon for footprint in footprints)]).bounds
     bare_ground = _ground(scenario, frame, bounds, terrain_file)
@@ -216,7 +216,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     if home_en is not None:
         home_up = float(bare_ground.heights_m(home_en)[0])
         if not np.isfinite(home_up):
-            raise TerrainError(f"home: no elevation at the take-off position ({bare_ground.source})")
+            raise TerrainError(f"home: there is no elevation data at the take-off position ({bare_ground.source})")
         if with_surface is not None and isinstance(scenario.terrain, RasterTerrain):
             check_home_is_open(scenario.terrain, with_surface, home_en, home_up)
         home = np.array([home_en[0], home_en[1], home_up])
@@ -224,7 +224,9 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
         check_is_outside("home", zones, home, alt_amsl_offset_m)
     for number, (place, up) in enumerate(zip(rally, bare_ground.heights_m(rally), strict=True)):
         if not np.isfinite(up):
-            raise TerrainError(f"planner.rally.{number}: no elevation at this position ({bare_ground.source})")
+            raise TerrainError(
+                f"planner.rally.{number}: there is no elevation data at this position ({bare_ground.source})"
+            )
         check_is_clear(f"planner.rally.{number}", scenario, place, footprints)
         check_is_outside(f"planner.rally.{number}", zones, np.array([*place, up]), alt_amsl_offset_m)
     return Site(
@@ -311,8 +313,9 @@ def _check_near(
         reach_m = float(np.abs(shapely.bounds(place)).max())
         if not reach_m <= MAX_REACH_M:
             raise ScenarioError(
-                f"{key}: lies {reach_m / 1000.0:.0f} km from the origin of the local frame, more than "
-                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates instead of local ones?)"
+                f"{key}: the position is {reach_m / 1000.0:.0f} km from the origin of the local frame; the limit is "
+                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates instead of local "
+                "ones?)"
             )
 
 
@@ -367,7 +370,7 @@ def _fence(
         in_degrees = limits.fence_rings_lon_lat_deg
         if in_degrees and frame is None:
             raise ScenarioError(
-                f"limits.{key}: needs a position on Earth; give {key.replace('lon_lat_deg', 'east_north_m')}"
+                f"limits.{key}: this needs a position on Earth; use {key.replace('lon_lat_deg', 'east_north_m')}"
             )
         in_metres = limits.fence_polygons_east_north_m or ()
         in_metres = (limits.fence_east_north_m,) if limits.fence_east_north_m is not None else in_metres
@@ -382,8 +385,8 @@ def _fence(
         fence = shapely.union_all(parts) if len(parts) > 1 else parts[0]
         if not isinstance(fence, shapely.Polygon):
             raise ScenarioError(
-                f"limits.{key}: the polygons lie apart in {len(shapely.get_parts(fence))} pieces, between which no vehicle can "
-                "pass; let them overlap"
+                f"limits.{key}: the polygons form {len(shapely.get_parts(fence))} separate parts, and no vehicle can "
+                "fly between them; make them overlap"
             )
         return fence
     places = [area] if home_en is None else [area, shapely.Point(home_en)]
@@ -410,8 +413,8 @@ def _ground(
     if ground.error_m > max(FILES.max_error_m, margin_m):
         raise ScenarioError(
             f"terrain.grid_step_m: a grid of {terrain.grid_step_m:g} m differs from the file's ground by up to "
-            f"{ground.error_m:.1f} m, and limits.height_margin_m is {margin_m:g} m: remove grid_step_m to use "
-            f"the pixels of the file, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
+            f"{ground.error_m:.1f} m, but limits.height_margin_m is {margin_m:g} m: remove grid_step_m to use the "
+            f"pixels of the file, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
         )
     return ground
 

@@ -60,8 +60,9 @@ def with_surface_over(scenario: Scenario, frame: LocalFrame, bounds_m: Bounds, b
     margin_m = scenario.limits.height_margin_m
     if ground.error_m > max(FILES.max_error_m, margin_m):
         raise ScenarioError(
-            f"terrain.surface_file: between the pixels of the finer model the other one is up to {ground.error_m:.1f} m higher, "
-            f"and limits.height_margin_m is {margin_m:g} m; set it to at least {ground.error_m + 0.05:.1f}"
+            "terrain.surface_file: between the pixels of the finer model the other model is up to "
+            f"{ground.error_m:.1f} m higher, but limits.height_margin_m is {margin_m:g} m; set it to at least "
+            f"{ground.error_m + 0.05:.1f}"
         )
     return ground
 
@@ -185,8 +186,8 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
     known = np.isfinite(ground_amsl_m) & np.isfinite(surface_amsl_m)
     if known.sum() < _FEW_PLACES:
         raise TerrainError(
-            f"terrain.surface_file: {surface} and terrain.file do not overlap around the area; give a surface model of "
-            "that location"
+            f"terrain.surface_file: {surface} and terrain.file do not overlap around the area; use a surface model "
+            "of that location"
         )
     ground_m, surface_m = ground_amsl_m[known], surface_amsl_m[known]
     difference = surface_m - ground_m
@@ -202,7 +203,7 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
             f'{where}, {ratio:.2f} times as high: the {which} seems to be in feet; set terrain.{key} to "ft"'
         )
     raise TerrainError(
-        f"{where} ({nearest:.1f} to {farthest:.1f} m at 98 % of nodes), nowhere near it: their vertical datums or units seem to "
+        f"{where} ({nearest:.1f} to {farthest:.1f} m at 98 % of nodes): their vertical datums or units seem to "
         "differ; set terrain.surface_vertical_datum or surface_height_unit"
     )
 
@@ -221,7 +222,7 @@ def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl
     """
     if ground.sha256 and ground.sha256 == surface.sha256:
         raise TerrainError(
-            "terrain.surface_file: is the same file as terrain.file; give the one with trees and roofs, or omit it"
+            "terrain.surface_file: this is the same file as terrain.file; use the file with trees and roofs, or omit it"
         )
     places = _scattered(bounds_m)
     ground_m, surface_m = ground.heights_m(places), surface.heights_m(places)
@@ -236,13 +237,13 @@ def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl
     lowest_m = -float(difference.min())
     if share > _MOST_BELOW or (share > _SOME_BELOW and mostly_below):
         raise TerrainError(
-            f"terrain.surface_file: {surface.source} lies under the ground of terrain.file at {100.0 * share:.0f} % of nodes, "
-            f"by up to {lowest_m:.1f} m; are the two swapped (file is the ground, surface_file what stands on it)? "
-            "Or is it of another location or datum?"
+            f"terrain.surface_file: {surface.source} lies under the ground of terrain.file at {100.0 * share:.0f} % "
+            f"of nodes, by up to {lowest_m:.1f} m; check that the two are not swapped (file is the ground, "
+            "surface_file includes what stands on it), and that location and datum agree"
         )
     if share > _FEW_BELOW and mostly_below:
         _log.warning(
-            "terrain.surface_file: %s lies under the ground of terrain.file at %.2f %% of nodes, by up to %.1f m, and more "
-            "rarely above it: check that the two are not swapped; flights keep above both",
+            "terrain.surface_file: %s lies under the ground of terrain.file at %.2f %% of nodes, by up to %.1f m, "
+            "and above it less often: check that the two are not swapped; flights stay above both",
             surface.source, 100.0 * share, lowest_m,
         )  # fmt: skip

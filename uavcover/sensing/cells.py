@@ -144,7 +144,7 @@ def make_targets(site: Site, _cell_size_m: float, *, rows: range | None = None) 
         lattice[at], free[at], scatter2 = number, np.inf, max(scatter2, float(apart2[at]))
     centre = np.column_stack([targets, site.ground.heights_m(targets)])
     if not np.isfinite(centre).all():
-        raise TerrainError("targets: no elevation at some of them; the targets reach outside the data")
+        raise TerrainError("targets: some of them have no elevation; the targets reach outside the data")
     normal = np.tile([0.0, 0.0, 1.0], (len(targets), 1))
     arrays = lattice, centre, normal, np.zeros(len(targets)), np.ones(len(targets))
     for array in arrays:
@@ -177,8 +177,8 @@ def _cut(
     wanted = range(all_rows) if rows is None else rows
     if len(wanted) * columns > MAX_CELLS:
         raise ScenarioError(
-            f"area.cell_size_m: {cell_size_m:g} m cuts {east - west:.0f} x {north - south:.0f} m into {all_rows * columns:,} "
-            f"cells, more than {MAX_CELLS:,}; use larger cells (metres, not degrees)"
+            f"area.cell_size_m: {cell_size_m:g} m divides {east - west:.0f} x {north - south:.0f} m into "
+            f"{all_rows * columns:,} cells; the limit is {MAX_CELLS:,}; use larger cells (metres, not degrees)"
         )
     east0_m, north0_m = float(west + 0.5 * cell_size_m), float(south + (wanted.start + 0.5) * cell_size_m)
     e = west + (np.arange(columns) + 0.5) * cell_size_m
@@ -193,8 +193,9 @@ def _cut(
     inside, hidden_m2 = _without_hidden(site, grid_e, grid_n, inside, cell_size_m, rows)
     if rows is None and not inside.any():
         raise ScenarioError(
-            f"terrain.surface_file: all ground of the area lies more than surface_hides_m = {_hides_m(site):g} m under "
-            "the surface and cannot be observed from the air; to observe the tree tops, give the surface model as terrain.file"
+            f"terrain.surface_file: all ground of the area lies more than surface_hides_m = {_hides_m(site):g} m "
+            "under the surface and cannot be observed from the air; to observe the tree tops, use the surface model "
+            "as terrain.file"
         )
     index = np.full(inside.shape, -1, dtype=np.int32)
     index[inside] = np.arange(int(inside.sum()), dtype=np.int32)
@@ -286,8 +287,8 @@ def _missing(
         f"{100.0 * missing.mean():.1f} % of its cells" if rows is None else f"{missing.sum():,} of its cells at least"
     )
     return (
-        f"area: no elevation in {much}, first at {where} ({model.source}); the area reaches "
-        "outside the data, or the data has a gap there"
+        f"area: there is no elevation in {much}, first at {where} ({model.source}); the area reaches outside the "
+        "data, or the data has a gap there"
     )
 
 

@@ -191,11 +191,11 @@ def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) ->
         return None
     found = None if pictures is None else pictures.overlap_fraction
     if pictures is None or found is None:
-        return "an overlap is required, and no photos are known"
+        return "an overlap is required, but no photos are known"
     if found >= wanted:
         return None
     return (
-        f"the required overlap, {pictures.asked} photos of every point, is met on "
+        f"the required overlap, {pictures.asked} photos of every point, is achieved on "
         f"{percent_beside(found, wanted)} of the area, below the required {100.0 * wanted:.2f} %"
     )
 

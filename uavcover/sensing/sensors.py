@@ -108,8 +108,8 @@ def sample_spacing_m(scenario: Scenario) -> float:
         return min(LONGEST_SPACING_M, reach_m / 3.0)
     if stated > reach_m and sensor.looks_along_path and trigger_distance_m(scenario) is None:
         raise ScenarioError(
-            f"sensor.sample_spacing_m: {stated:g} m between observations leaves gaps where {reach_m:.3g} m are observed to each "
-            f"side; omit it, or give at most {math.floor(100.0 * reach_m) / 100.0:g}"
+            f"sensor.sample_spacing_m: {stated:g} m between observations leaves gaps because the sensor observes "
+            f"{reach_m:.3g} m to each side; omit it, or use at most {math.floor(100.0 * reach_m) / 100.0:g}"
         )
     return stated
 
@@ -142,7 +142,7 @@ def frame_camera(sensor: Sensor, *, source: str) -> FrameCamera:
     """
     if isinstance(sensor, FrameCamera):
         return sensor
-    raise InputError(f"{source}: its sensor is a {sensor.kind}; photos need a frame-camera")
+    raise InputError(f"{source}: the sensor is a {sensor.kind}; photos require a frame-camera")
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from uavcover.scenario.site import Site, once
-from uavcover.scenario.vehicle_parts import own_sensors
+from uavcover.scenario.vehicle_areas import own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.block_map import BlockMap
 from uavcover.sensing.cells import cut_for, is_judged_on_smaller_cells, judged_cell_size_m, make_other_cells

@@ -163,13 +163,14 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
     """
     path = as_source(source)
     if vertical_datum not in DATUMS:
-        known = f"give {', '.join(DATUMS)}, or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
+        known = f"use {', '.join(DATUMS)}, or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
         raise TerrainError(f"terrain.vertical_datum: {vertical_datum!r} is not known; {known}")
     undulation = Undulation() if vertical_datum == ELLIPSOID else None
     with _readable(path), path.opened() as dataset:
         if dataset.crs is None:
             raise TerrainError(
-                f"{path}: does not name its coordinate system; give it with terrain.crs (--dem-crs), such as EPSG:32632"
+                f"{path}: the file does not state its coordinate system; specify it with terrain.crs (--dem-crs), "
+                "such as EPSG:32632"
             )
         try:
             crs = CRS.from_wkt(dataset.crs.to_wkt())
@@ -179,8 +180,8 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
         except ProjError as error:
             reason = str(error).strip().splitlines()[0]
             raise TerrainError(
-                f"{path}: positions cannot be brought to its coordinate reference system ({reason}); assign or convert to a "
-                "known one (gdalwarp -t_srs EPSG:4326)"
+                f"{path}: positions cannot be converted to the file's coordinate reference system ({reason}); assign "
+                "a known one or convert the file (gdalwarp -t_srs EPSG:4326)"
             ) from error
         band = path.band_of(dataset)
         stated, asked = dataset.units[band - 1], path.height_unit
@@ -188,12 +189,12 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
             refuse_feet_by_guess(path, horizontal)
         unit_m = unit_of_heights_m(path, crs, vertical_datum, stated or asked)
         if stated and asked and abs(unit_of_heights_m(path, crs, vertical_datum, asked) / unit_m - 1.0) > 1e-9:
-            raise TerrainError(f"{path}: says that its heights are in {stated}; remove terrain.height_unit")
+            raise TerrainError(f"{path}: the file states that its heights are in {stated}; remove terrain.height_unit")
         _check_pixel_size(path, horizontal, dataset)
         turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
         if dataset.count >= 3 and set(dataset.dtypes[:3]) == {"uint8"}:
             raise TerrainError(
-                f"{path}: is an image ({dataset.count} bands of 8 bits), not heights; give the elevation model"
+                f"{path}: the file is an image ({dataset.count} bands of 8 bits), not an elevation model; use an elevation model"
             )
         yield _Raster(path, dataset, to_source, vertical_datum, turn, unit_m, band, undulation)
 
@@ -204,14 +205,14 @@ def _check_pixel_size(path: TerrainSource, crs: CRS, dataset: Any) -> None:
     top = float(np.abs(_corners(dataset)[1]).max())
     if crs.is_projected and min(width, height) * crs.axis_info[0].unit_conversion_factor < 0.01:
         raise TerrainError(
-            f"{path}: pixels of {width:g} x {height:g} in a projected system ({crs.name}): these seem to be "
-            "degrees instead of metres; assign the right coordinate reference system (gdal_edit.py -a_srs "
+            f"{path}: the file has pixels of {width:g} x {height:g} in a projected system ({crs.name}): these seem "
+            "to be degrees instead of metres; assign the correct coordinate reference system (gdal_edit.py -a_srs "
             "EPSG:4326)"
         )
     if crs.is_geographic and (top > 90.5 or width > 10.0):
         raise TerrainError(
-            f"{path}: reaches latitude {top:g} with pixels of {width:g} degrees: these seem to be metres "
-            "instead of degrees; assign the right coordinate reference system (gdal_edit.py -a_srs)"
+            f"{path}: the file reaches latitude {top:g} with pixels of {width:g} degrees: these seem to be metres "
+            "instead of degrees; assign the correct coordinate reference system (gdal_edit.py -a_srs)"
         )
 
 
@@ -224,7 +225,7 @@ def read_height_amsl_m(path: Path | TerrainSource, vertical_datum: str, *, lat_d
     with open_raster(path, vertical_datum) as raster:
         height = float(raster.sample_m(np.array([lat_deg]), np.array([lon_deg]))[0])
         if not np.isfinite(height):
-            raise TerrainError(f"{path}: no elevation at {lat_deg}, {lon_deg} ({_extent(raster)})")
+            raise TerrainError(f"{path}: there is no elevation at {lat_deg}, {lon_deg} ({_extent(raster)})")
         return height
 
 
@@ -272,9 +273,9 @@ def read_ground(
         error_m = measure_error_m(ground, raster, frame, bounds_m)
     if grid_step_m is None and error_m > FILES.max_error_m:
         raise TerrainError(
-            f"{path}: laid into the local frame, its heights are wrong by up to {error_m:.2f} m, "
-            f"{FILES.max_error_m:g} m are allowed; take a smaller area, "
-            "or convert the file to a projection for this location (gdalwarp -t_srs, the UTM zone)"
+            f"{path}: in the local frame, its heights are wrong by up to {error_m:.2f} m; the limit is "
+            f"{FILES.max_error_m:g} m; use a smaller area, or convert the file to a projection for this location "
+            "(gdalwarp -t_srs, the UTM zone)"
         )
     return dataclasses.replace(ground, error_m=error_m)
 
@@ -289,8 +290,8 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
     columns, rows = (last - first).tolist()
     if columns * rows > FILES.max_nodes:
         raise TerrainError(
-            f"{raster.path}: {columns} x {rows} pixels under the scenario's area are more than {FILES.max_nodes:,}; "
-            "take a smaller area, or coarser data (gdalwarp -tr)"
+            f"{raster.path}: {columns} x {rows} pixels under the scenario's area exceed the limit of "
+            f"{FILES.max_nodes:,}; use a smaller area, or coarser data (gdalwarp -tr)"
         )
     if min(columns, rows) >= 2:
         up = raster.read(Window(first[0], first[1], columns, rows))
@@ -358,8 +359,8 @@ def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step
     wide, high = (east - west) / step + 3.0, (north - south) / step + 3.0
     if wide * high > FILES.max_nodes:
         raise TerrainError(
-            f"terrain.grid_step_m: {wide:.0f} x {high:.0f} nodes of {step:g} m are more than {FILES.max_nodes:,}; "
-            "set a larger step (in metres) or a smaller area"
+            f"terrain.grid_step_m: {wide:.0f} x {high:.0f} nodes of {step:g} m exceed the limit of "
+            f"{FILES.max_nodes:,}; set a larger step (in metres) or a smaller area"
         )
     columns = np.arange(np.floor(west / step) - 1, np.ceil(east / step) + 2)
     rows = np.arange(np.floor(south / step) - 1, np.ceil(north / step) + 2)

@@ -53,12 +53,12 @@ def trust_asked_for(
         return False
     for one in found[: FILES.most_suspects]:
         user.warn(f"{source.name} has {one.words}")
-    if user.agrees("is the ground really like that?"):
+    if user.agrees("check that the ground has this shape"):
         return True
-    more = f" and {len(found) - 1} more like it" if len(found) > 1 else ""
+    more = f" and {len(found) - 1} more of this kind" if len(found) > 1 else ""
     raise InputError(
-        f"{source}: has {found[0].words}{more}; give other data, or mark its missing heights (gdal_edit.py -a_nodata); if the "
-        "ground is like that, give --trust-dem (terrain.trust_heights = true)"
+        f"{source}: the data contain {found[0].words}{more}; use other data, or mark the missing heights "
+        "(gdal_edit.py -a_nodata); if the heights are correct, use --trust-dem (terrain.trust_heights = true)"
     )
 
 

@@ -171,7 +171,7 @@ def ground_of_nodes(
     """
     nodes = np.array(up_m, dtype=float, order="C")
     if nodes.ndim != 2 or min(nodes.shape) < 2:
-        raise TerrainError(f"{source}: a grid needs at least 2 x 2 nodes, this one has {nodes.shape}")
+        raise TerrainError(f"{source}: a grid needs at least 2 x 2 nodes, but this one has {nodes.shape}")
     nodes.flags.writeable = False
     surface = Surface(GRID, step_m, nodes, steepest_slope(nodes, frame), frame)
     return Ground(surface, source, vertical_datum, sha256, cut_error_m=cut_error_m)

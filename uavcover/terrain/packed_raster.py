@@ -42,7 +42,7 @@ def gdal_name(file: Path) -> str:
         _check_gzip(file, stat.st_size, stat.st_mtime_ns)
         return f"/vsigzip/{file.resolve()}"
     if name.endswith(_OTHER_ARCHIVES):
-        raise TerrainError(f"{file}: is packed ({file.suffix}); unpack it and specify the raster")
+        raise TerrainError(f"{file}: the file is packed ({file.suffix}); unpack it and specify the raster")
     return str(file)
 
 
@@ -51,18 +51,18 @@ def _inside_zip(file: Path) -> str:
         with zipfile.ZipFile(file) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, OSError) as error:
-        raise TerrainError(f"{file}: cannot be opened as a zip file ({error}); unpack it") from error
+        raise TerrainError(f"{file}: the file cannot be opened as a zip file ({error}); unpack it") from error
     rasters = [entry for entry in entries if entry.filename.lower().endswith(RASTERS)]
     if len(entries) > MAX_ZIP_ENTRIES or len(rasters) != 1:
         raise TerrainError(
-            f"{file}: holds {len(rasters)} elevation files in {len(entries)} entries, not one; unpack it"
+            f"{file}: the archive contains {len(rasters)} elevation files in {len(entries)} entries instead of one; unpack it"
         )
     (entry,) = rasters
     ratio = entry.file_size / max(entry.compress_size, 1)
     if entry.file_size > MAX_ZIP_BYTES or (entry.file_size > FILES.harmless_zip_bytes and ratio > MAX_ZIP_RATIO):
         raise TerrainError(
             f"{file}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; "
-            "unpack it if you trust it"
+            "unpack it yourself if you trust it"
         )
     return f"/vsizip/{file}/{entry.filename}"
 
@@ -77,9 +77,10 @@ def _check_gzip(file: Path, _packed_bytes: int, _changed_ns: int) -> None:
                 size += len(block)
                 if size > FILES.max_gzip_bytes:
                     raise TerrainError(
-                        f"{file}: unpacks to more than {FILES.max_gzip_bytes:,} bytes; unpack it (gunzip) if you trust it"
+                        f"{file}: the archive unpacks to more than {FILES.max_gzip_bytes:,} bytes; unpack it "
+                        "yourself (gunzip) if you trust it"
                     )
     except (OSError, EOFError, zlib.error) as error:
-        raise TerrainError(f"{file}: cannot be unpacked ({error}); fetch it again") from error
+        raise TerrainError(f"{file}: the file cannot be unpacked ({error}); download it again") from error
     if size == 0:
-        raise TerrainError(f"{file}: nothing is packed in it; fetch it again")
+        raise TerrainError(f"{file}: the archive is empty; download it again")

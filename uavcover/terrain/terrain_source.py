@@ -74,10 +74,10 @@ class TerrainSource:
             if not file.is_file():
                 relative = "" if self.key.startswith("--") else f" ({self.key} is relative to the scenario file)"
                 raise TerrainError(
-                    f"{file}: no such file{relative or f'; give {self.key} a raster, a folder or a pattern'}"
+                    f"{file}: no such file{relative or f'; set {self.key} to a raster, a folder or a pattern'}"
                 )
             if file.stat().st_size == 0:
-                raise TerrainError(f"{file}: the file is empty; fetch it again")
+                raise TerrainError(f"{file}: the file is empty; download it again")
         around_m = 0.0 if self.water_height_m is None else FILES.water_m
         name = (
             _mosaic(self.files, self.band, self.crs, around_m=around_m)
@@ -132,8 +132,8 @@ def band_number(dataset: Any, band: int | str | None, file: Path) -> int:
         others = [name for name in names[1:] if _HEIGHTS.search(name)]
         if others and names[0] and not _HEIGHTS.search(names[0]):
             raise TerrainError(
-                f"{file}: its first band is {names[0]!r}, and {others[0]!r} sounds like the heights; set terrain.band (--band) "
-                f"to one of: {there}"
+                f"{file}: the first band is {names[0]!r}, but the band {others[0]!r} seems to contain the heights; "
+                f"set terrain.band (--band) to one of: {there}"
             )
         return 1
     if isinstance(band, int) or band.isdigit():
@@ -143,7 +143,7 @@ def band_number(dataset: Any, band: int | str | None, file: Path) -> int:
         alike = [number for number, name in enumerate(names, start=1) if name.casefold() == band.casefold()]
         if alike:
             return alike[0]
-    raise TerrainError(f"{file}: has no band {band!r}; terrain.band is one of: {there}")
+    raise TerrainError(f"{file}: the file has no band {band!r}; set terrain.band to one of: {there}")
 
 
 def as_source(source: "Path | TerrainSource") -> TerrainSource:
@@ -181,19 +181,21 @@ def find_tiles(
             continue
         if not tiles:
             raise TerrainError(
-                f"{key}: {name} has no tile ({', '.join(RASTERS)}, .zip, .gz); give files, a folder or a pattern that has"
+                f"{key}: {name} contains no tile ({', '.join(RASTERS)}, .zip, .gz); use files, a folder or a pattern with tiles"
             )
         found += tiles
     found = list(dict.fromkeys(found))
     if len(found) > FILES.max_tiles:
-        raise TerrainError(f"{key}: {len(found)} tiles, more than {FILES.max_tiles}; give those of the area")
+        raise TerrainError(
+            f"{key}: {len(found)} tiles exceed the limit of {FILES.max_tiles}; use only the tiles of the area"
+        )
     if len(found) > 1 and around is not None:
         near = [tile for tile in found if _is_near(tile, around)]
         if not near:
             west, south, east, north = around
             raise TerrainError(
-                f"{key}: none of {len(found)} tiles is near the area (latitude {south:.3f} to {north:.3f}, "
-                f"longitude {west:.3f} to {east:.3f}); give the tiles of that location"
+                f"{key}: none of {len(found)} tiles is near the area (latitude {south:.3f} to {north:.3f}, longitude "
+                f"{west:.3f} to {east:.3f}); use the tiles of that location"
             )
         found = near
     return tuple(found)
@@ -247,7 +249,7 @@ def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None, *, a
     a, b, c, d, e, f = tuple(first.transform)[:6]
     if b or d:
         raise TerrainError(
-            f"{first.file}: its grid is turned, which tiles side by side must not be; merge them first (gdalwarp)"
+            f"{first.file}: the grid is rotated, which is not supported for several tiles; merge them first (gdalwarp)"
         )
     corners = []
     for tile in tiles:
@@ -256,7 +258,8 @@ def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None, *, a
         ):  # fmt: skip
             if mine != other:
                 raise TerrainError(
-                    f"{tile.file}: has another {what} than {first.file.name}; merge the tiles first (gdalbuildvrt, gdalwarp)"
+                    f"{tile.file}: the {what} differs from that of {first.file.name}; merge the tiles first "
+                    "(gdalbuildvrt, gdalwarp)"
                 )
         other_grid = tuple(tile.transform)[:6]
         size_differs = not np.allclose([other_grid[k] for k in (0, 1, 3, 4)], (a, b, d, e), rtol=1e-6, atol=0.0)
@@ -266,7 +269,7 @@ def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None, *, a
         column -= turn * round(column / turn) if turn else 0.0
         if size_differs or max(abs(column - round(column)), abs(row - round(row))) > FILES.off_grid:
             raise TerrainError(
-                f"{tile.file}: its pixels lie on another grid than {first.file.name}; merge the tiles first (gdalwarp)"
+                f"{tile.file}: the pixel grid differs from that of {first.file.name}; merge the tiles first (gdalwarp)"
             )
         corners.append((round(column), round(row)))
     around = math.ceil(around_m / (abs(a) * first.unit_m))
@@ -289,7 +292,7 @@ def _wkt(crs: str) -> str:
         return str(CRS.from_user_input(crs).to_wkt())
     except CRSError:
         raise TerrainError(
-            f"terrain.crs: {crs!r} is not a coordinate system; give it (--dem-crs) as EPSG:32632, say"
+            f"terrain.crs: {crs!r} is not a coordinate system; specify it (--dem-crs) as, for example, EPSG:32632"
         ) from None
 
 
@@ -299,12 +302,13 @@ def _tile(file: Path, band: int | str | None, crs_wkt: str | None) -> _Tile:
         with _gdal(), rasterio.open(name) as dataset:
             if dataset.crs is None and crs_wkt is None:
                 raise TerrainError(
-                    f"{file}: does not name its coordinate system; give it with terrain.crs (--dem-crs), such as EPSG:32632"
+                    f"{file}: the file does not state its coordinate system; specify it with terrain.crs "
+                    "(--dem-crs), such as EPSG:32632"
                 )
             if dataset.crs is not None and crs_wkt is not None:
                 own = dataset.crs.to_string()[:40]
                 raise TerrainError(
-                    f"{file}: names its coordinate system itself ({own}); remove terrain.crs (--dem-crs)"
+                    f"{file}: the file already states its coordinate system ({own}); remove terrain.crs (--dem-crs)"
                 )
             number = band_number(dataset, band, file)
             wkt = crs_wkt or dataset.crs.to_wkt()
@@ -327,10 +331,10 @@ def _full_turn(wkt: str) -> tuple[float, float]:
 
 def unreadable(named: object, file: Path, reason: str) -> str:
     """Error for elevation data that GDAL does not read; ``file`` is the probably unreadable one of several."""
-    remedy = "give a whole raster of heights"
+    remedy = "use a complete raster of heights"
     if file.suffix.lower() == ".hgt":
-        remedy = "an .hgt file is named by its corner (N46E008.hgt) and has 2,884,802 or 25,934,402 bytes"
-    return f"{named}: cannot be read as elevation data ({reason}); {remedy}"
+        remedy = "an .hgt file is named after its corner (N46E008.hgt) and has 2,884,802 or 25,934,402 bytes"
+    return f"{named}: the file cannot be read as elevation data ({reason}); {remedy}"
 
 
 def _source(tile: _Tile, column: int, row: int) -> str:

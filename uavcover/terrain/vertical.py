@@ -41,7 +41,7 @@ class Undulation:
             grids = [grid.short_name for operation in group.unavailable_operations for grid in operation.grids]
             raise TerrainError(
                 f'terrain.vertical_datum: heights above the ellipsoid ("{ELLIPSOID}") need the geoid grid '
-                f"{grids[0] if grids else 'of EGM96'}, which PROJ does not have here; fetch it (projsync --file "
+                f"{grids[0] if grids else 'of EGM96'}, which PROJ does not have here; download it (projsync --file "
                 f"{grids[0] if grids else 'us_nga_egm96_15.tif'}), or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
             )
         self._to_sea_level = group.transformers[0]
@@ -70,7 +70,7 @@ def datum_named(text: str) -> str:
     known = {datum.casefold(): datum for datum in DATUMS} | {"ellipsoid": ELLIPSOID}
     if text.casefold() not in known:
         raise InputError(
-            f"--vertical-datum: {text!r} is not known; give EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"
+            f"--vertical-datum: {text!r} is not known; use EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"
         )
     return known[text.casefold()]
 
@@ -84,7 +84,7 @@ def refuse_feet_by_guess(path: TerrainSource, horizontal: CRS) -> None:
     axis = horizontal.axis_info[0]
     if 0.3 < axis.unit_conversion_factor < 0.31:
         raise TerrainError(
-            f"{path}: its coordinate system {horizontal.name} is in feet, and it does not state the unit of its heights; "
+            f"{path}: its coordinate system {horizontal.name} is in feet, but the file does not state the unit of its heights; "
             'set terrain.height_unit (--height-unit) to "ft", "us-ft" or "m"'
         )
 
@@ -122,6 +122,7 @@ def unit_of_heights_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: 
 
 def _contradiction(path: TerrainSource, vertical_datum: str, found: str) -> TerrainError:
     return TerrainError(
-        f"terrain.vertical_datum: the scenario says {vertical_datum}, the file says {found} ({path}); correct the scenario, "
-        "or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for EGM2008)"
+        f"terrain.vertical_datum: the scenario says {vertical_datum}, but the file says {found} ({path}); correct "
+        "the scenario, or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for "
+        "EGM2008)"
     )

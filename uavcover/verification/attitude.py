@@ -89,7 +89,7 @@ def _unexplained(
     everywhere = np.ones(len(time_s), dtype=bool)
     if abs(sideways_deg) > ATTITUDE.most_sideways_deg and _stands_alone(columns, 3):
         return LeanProblem(
-            f"roll and pitch lean by {abs(sideways_deg):.0f} degrees to one side on all headings, with nothing to lean against",
+            f"roll and pitch lean by {abs(sideways_deg):.0f} degrees to one side on all headings without a cause",
             everywhere,
             "contradicted",
         )
@@ -104,7 +104,7 @@ def _unexplained(
     left_m_s2 = float(np.sqrt((left**2).sum(axis=1).mean()))
     if left_m_s2 > ATTITUDE.most_unexplained_m_s2 + noise_m_s2:
         return LeanProblem(
-            f"roll and pitch do not fit the accelerations that were flown: they are off by {left_m_s2:.1f} m/s2 (rms)",
+            f"roll and pitch do not match the flown accelerations: they differ by {left_m_s2:.1f} m/s2 (rms)",
             everywhere,
             "unexplained",
         )
@@ -115,9 +115,9 @@ def _unexplained(
         return None
     worst = int(np.argmax(in_block_m_s2))
     return LeanProblem(
-        f"roll and pitch do not fit the accelerations that were flown for about {ATTITUDE.block_s * bad.sum():.0f} s, "
-        f"most around {time_s[0] + (worst + 0.5) * ATTITUDE.block_s:.0f} s: "
-        f"they are off by {in_block_m_s2[worst]:.1f} m/s2 (rms)",
+        f"roll and pitch do not match the flown accelerations for about {ATTITUDE.block_s * bad.sum():.0f} s, mostly "
+        f"around {time_s[0] + (worst + 0.5) * ATTITUDE.block_s:.0f} s: they differ by {in_block_m_s2[worst]:.1f} "
+        "m/s2 (rms)",
         bad[block],
         "unexplained",
     )
@@ -137,27 +137,25 @@ def _unconfirmed(
     if abs(best) > LEAN.most_late_s and fits.late[best].signal > LEAN.smallest_signal:
         side = "late" if best > 0.0 else "early"
         return LeanProblem(
-            f"roll and pitch fit the accelerations that were flown {abs(best):g} s {side}", everywhere, "contradicted"
+            f"roll and pitch match the flown accelerations, but {abs(best):g} s {side}", everywhere, "contradicted"
         )
     if (why := own.contradiction) is not None:
-        return LeanProblem(
-            f"roll and pitch do not fit the accelerations that were flown: {why}", everywhere, "contradicted"
-        )
+        return LeanProblem(f"roll and pitch do not match the flown accelerations: {why}", everywhere, "contradicted")
     if fits.bad:
         where = np.full(len(time_s), not own.confirms)
         for part in fits.bad:
             where |= (time_s >= part.begin_s) & (time_s <= part.end_s)
         lasts_s = sum(part.end_s - part.begin_s for part in fits.bad)
         return LeanProblem(
-            f"roll and pitch do not fit the accelerations that were flown for about {lasts_s:.0f} s, first from "
+            f"roll and pitch do not match the flown accelerations for about {lasts_s:.0f} s, first from "
             f"{fits.bad[0].begin_s:.0f} s to {fits.bad[0].end_s:.0f} s: {fits.bad[0].why}",
             where,
             "contradicted",
         )
     if not own.confirms:
         text = (
-            "roll and pitch are not confirmed by the accelerations that were flown (correlation "
-            f"{own.correlation:.2f}, {own.signal:.1f} standard errors)"
+            f"roll and pitch are not confirmed by the flown accelerations (correlation {own.correlation:.2f}, "
+            f"{own.signal:.1f} standard errors)"
         )
         return LeanProblem(text, everywhere, "unconfirmed")
     return None
@@ -231,8 +229,8 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
     if tilted.size:
         first = tilted[0]
         problems.append(
-            f"{tilted.size} attitudes lean by more than {ATTITUDE.max_tilt_deg:g} degrees, first by {tilt[first]:.0f} at "
-            f"{track.time_s[first]:.1f} s: nothing flies a route like that"
+            f"{tilted.size} attitudes lean by more than {ATTITUDE.max_tilt_deg:g} degrees, first by "
+            f"{tilt[first]:.0f} at {track.time_s[first]:.1f} s: no vehicle flies a route like that"
         )
         attitude[tilted] = np.nan
     with_attitude = np.isfinite(attitude).all(axis=1)
@@ -240,8 +238,8 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
         return KnownAttitude(attitude, tuple(problems))
     for first, last, turn_deg in _stuck(track.time_s, enu_m, attitude):
         problems.append(
-            f"the attitude stays exactly the same from {track.time_s[first]:.1f} s to {track.time_s[last]:.1f} s, while the "
-            f"course turns by {turn_deg:.0f} degrees: it was not measured"
+            f"the attitude is exactly constant from {track.time_s[first]:.1f} s to {track.time_s[last]:.1f} s, while "
+            f"the course turns by {turn_deg:.0f} degrees: it was not measured"
         )
         attitude[first : last + 1] = np.nan
     with_attitude = np.isfinite(attitude).all(axis=1)
@@ -249,16 +247,14 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
         return KnownAttitude(attitude, tuple(problems))
     unconfirmed, contradiction, confirmed = None, None, False
     if _in_radians(track.time_s, enu_m, attitude):
-        problems.append(
-            "the attitude is in radians where degrees belong: its yaw times 57.3 is the course that was flown"
-        )
+        problems.append("the attitude is in radians instead of degrees: its yaw times 57.3 is the flown course")
         attitude[:] = np.nan
     elif (attitude[with_attitude, :2] == 0.0).all():
-        problems.append("roll and pitch are exactly zero throughout: nothing measured them")
+        problems.append("roll and pitch are exactly zero throughout: they were not measured")
         attitude[:, : 3 if (attitude[with_attitude, 2] == 0.0).all() else 2] = np.nan
     elif (lean := _never_leans(track.time_s, enu_m, joined, attitude)) is not None:
         problems.append(
-            f"roll and pitch are never above {lean[0]:.1f} degrees, though the vehicle accelerates with {lean[1]:.1f} m/s2"
+            f"roll and pitch never exceed {lean[0]:.1f} degrees, although the vehicle accelerates by {lean[1]:.1f} m/s2"
         )
         attitude[:, :2] = np.nan
     elif (problem := lean_problem(track.time_s, enu_m, joined, attitude)) is not None:

@@ -115,12 +115,12 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
         return None
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
     layers: list[tuple[str, str, NDArray[Any]]] = [
-        ("looks", "separate passes that saw the cell", flown.passes),
+        ("looks", "separate passes that observed the cell", flown.passes),
         ("first_seen_s", "vehicle time in seconds", flown.first_seen_s),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
         ("distance_m", "shortest distance in metres", flown.nearest_m),
-        ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
+        ("sureness", "0 not observed, 1 possibly, 2 observed if measurements are exact, 3 surely", sureness),
         ("reason", LAYER_REASONS, reason_codes(coverage, flown)),
     ]
     return cells_geotiff(coverage, site.frame, layers)

@@ -148,7 +148,7 @@ def decide(
         for stretch in long[: TRACK.shown]
     ]
     if len(long) > TRACK.shown:
-        gaps.append(f"and {len(long) - TRACK.shown} more stretches as long")
+        gaps.append(f"and {len(long) - TRACK.shown} more unobserved intervals above the limit")
     findings += [unproved("unobserved-gap", text) for text in gaps]
 
     @cache
@@ -164,7 +164,7 @@ def decide(
         findings += _judge_coverage(coverage, flown, perhaps)
         findings += _judge_overlap(coverage, pictures, perhaps)
         if evidence.photos_required and any(j.photos is not None and j.photos.source == "predicted" for j in judged):
-            findings.append(unproved("photos", "photos are required (--require-photos), and the vehicle reported none"))
+            findings.append(unproved("photos", "photos are required (--require-photos), but the vehicle reported none"))
     else:
         # Cells that photos may show within their errors, or that only photos of unknown sharpness show.
         findings += _judge_coverage(coverage, flown, lambda: flown.possibly_seen)
@@ -294,9 +294,9 @@ def _longest(site: Site, unobserved: Sequence[Unobserved], phase: str) -> str:
     stretches = [s for s in unobserved if s.phase == phase and s.in_flight and s.duration_s > 0.0]
     if not stretches:
         return ""
-    return f"; the longest of {len(stretches)} stretches: {_told(site, max(stretches, key=lambda s: s.duration_s))}"
+    return f"; the longest of {len(stretches)} unobserved intervals: {_told(site, max(stretches, key=lambda s: s.duration_s))}"
 
 
 def _told(site: Site, stretch: Unobserved) -> str:
     place = place_of(site, np.array([stretch.east_m, stretch.north_m, 0.0]))
-    return f"{stretch.duration_s:.1f} s from {stretch.start_s:.1f} s at {place} were not observed ({stretch.detail})"
+    return f"{stretch.duration_s:.1f} s from {stretch.start_s:.1f} s at {place} were unobserved ({stretch.detail})"

@@ -39,8 +39,8 @@ class ElevationBias:
     def __str__(self) -> str:
         side = "above" if self.bias_m >= 0.0 else "below"
         return (
-            f"the {self.source} has the ground {abs(self.bias_m):.1f} m {side} the elevation data (median of {self.count}, "
-            f"spread {self.spread_m:.1f} m)"
+            f"according to the {self.source}, the ground is {abs(self.bias_m):.1f} m {side} the elevation data "
+            f"(median of {self.count}, spread {self.spread_m:.1f} m)"
         )
 
 
@@ -76,7 +76,7 @@ def widened(site: Site, biases: Sequence[ElevationBias]) -> tuple[Site, tuple[st
     if shown_m <= stated.vertical_m:
         return site, tuple(words)
     words.append(
-        f"heights count with an uncertainty of {shown_m:.1f} m, as the rangefinder shows, instead of the stated "
+        f"the height uncertainty is {shown_m:.1f} m according to the rangefinder, instead of the stated "
         f"{stated.vertical_m:.1f} m"
     )
     uncertainty = dataclasses.replace(stated, terrain_m=shown_m - stated.height_m)
@@ -98,8 +98,8 @@ def with_measured_ground(
         ):
             if beyond:
                 text = (
-                    f"the height above ground of {seems_m:.1f} m was {seems_m - bias.bias_m:.1f} m if the rangefinder is right "
-                    f"and the elevation data is not; the limit is {limit_m:g} m"
+                    f"a height above ground of {seems_m:.1f} m was {seems_m - bias.bias_m:.1f} m if the rangefinder "
+                    f"is right and the elevation data are wrong; the limit is {limit_m:g} m"
                 )
                 findings.append(unproved("height-band", text))
     return report.with_findings(findings)

@@ -103,7 +103,7 @@ def gaps_geojson(coverage: CoverageMap, regions: Sequence[GapRegion]) -> dict[st
     frame = coverage.site.frame
     if frame is None:
         raise InputError(
-            f"scenario {coverage.site.scenario.name}: has no position on Earth, so its gaps have no GeoJSON"
+            f"scenario {coverage.site.scenario.name} has no position on Earth, so its gaps cannot be written as GeoJSON"
         )
     features = []
     for number, region in enumerate(regions):

@@ -148,7 +148,7 @@ def judge_track(
             passed=None if passed is None else passed.passed,
         ),
         None if passed is None or not route.any() else plan_doubt(passed),
-        None if misnumbered is None else f"{misnumbered}: its numbers are ignored, the positions decide",
+        None if misnumbered is None else f"{misnumbered}: its numbers are ignored, and the positions are used",
     ]
     if not contradiction_m <= TRACK.max_contradiction_m:
         unbelieved.append(
@@ -162,7 +162,7 @@ def judge_track(
         *(
             unproved(
                 "no-fly-zones",
-                f"no-fly zone {name}, not in force in flight_window_utc, was entered; the track has no time of day",
+                f"no-fly zone {name}, which is not active in flight_window_utc, was entered; the track has no time of day",
             )
             for name in zones_at_unknown_time(site, track, enu, joined)
         ),
@@ -290,7 +290,8 @@ def _ground_doubts(
             unproved(
                 "evidence",
                 f"positions are below the ground by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
-                f"{place_of(site, enu_m[lowest])}: their heights have another datum, or belong to another location",
+                f"{place_of(site, enu_m[lowest])}: their heights have a different datum or belong to a different "
+                "location",
             )
         )
     return doubts
@@ -303,8 +304,8 @@ def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
         if where.on_ground and abs(where.height_agl_m) > TRACK.reported_height_m:
             side = "above" if where.height_agl_m > 0.0 else "under"
             findings.append(
-                f"the vehicle {did} {abs(where.height_agl_m):.1f} m {side} the ground of the scenario: all heights above "
-                "ground may be wrong by as much"
+                f"the vehicle {did} {abs(where.height_agl_m):.1f} m {side} the ground of the scenario: all heights "
+                "above ground may be wrong by this amount"
             )
         if site.home_m is None:
             continue

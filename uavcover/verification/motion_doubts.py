@@ -41,8 +41,8 @@ def motion_doubts(
     if steps:
         step = max(steps, key=lambda move: move.step_m_s)
         doubts.append(
-            f"the velocity changes at once {at(step)}, by {step.step_m_s:.1f} m/s more than it can: an unknown "
-            "part of the flight is missing there"
+            f"the velocity jumps {at(step)} by {step.step_m_s:.1f} m/s more than possible: a part of the flight of "
+            "unknown length is missing there"
         )
     if (move := motion.contradiction) is not None:
         doubts.append(
@@ -62,8 +62,8 @@ def motion_doubts(
         for move in motion.moves:
             if not _is_jump(track.time_s, enu_m, move, limits, shortest):
                 doubts.append(
-                    f"the vehicle cannot have moved like this {at(move)}: {move}, and a receiver jump does not "
-                    "explain it: time was inserted or a part of the flight is missing"
+                    f"the vehicle cannot have moved like this {at(move)}: {move}; a receiver jump does not explain "
+                    "it: time was inserted or a part of the flight is missing"
                 )
                 break
     return doubts
@@ -116,15 +116,14 @@ def sampling_doubts(track: Track, motion: Motion, known: KnownAttitude) -> list[
     doubts = []
     if motion.white_m > 0.0:
         doubts.append(
-            f"the positions are off by {motion.white_m:.1f} m from one sample to the next, each independently: "
-            "no receiver or autopilot reports such positions"
+            f"the positions are off by {motion.white_m:.1f} m independently from one sample to the next: no receiver "
+            "or autopilot reports such positions"
         )
     steps_s = np.diff(track.time_s)
     coarse = steps_s > COARSE_STEP_S
     if steps_s[coarse].sum() > 0.5 * steps_s.sum() and not known.confirmed:
         doubts.append(
             f"the samples are {np.median(steps_s[coarse]):.1f} s apart and no attitude confirms them, so it is "
-            f"unknown whether a vehicle can fly these turns; record at least one position in {COARSE_STEP_S:g} "
-            "s"
+            f"unknown whether a vehicle can fly these turns; record at least one position every {COARSE_STEP_S:g} s"
         )
     return doubts

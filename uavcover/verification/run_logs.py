@@ -34,7 +34,7 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
             scenario that has no position on Earth.
     """
     if not path.is_file():
-        raise InputError(f"{path}: no such file; a track is recorded by: uavcover fly")
+        raise InputError(f"{path}: no such file; record a track with: uavcover fly")
     ending = path.suffix.lower()
     if ending == ".csv":
         read = read_track_with_warnings(path)
@@ -46,10 +46,12 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
         return read_recorded_track_with_warnings(path)
     if ending not in READERS:
         raise InputError(
-            f"{path}: {path.suffix or 'no ending'} is not a track that can be read; use {', '.join(LOG_ENDINGS)}"
+            f"{path}: {path.suffix or 'no ending'} is not a supported track format; use {', '.join(LOG_ENDINGS)}"
         )
     if site.frame is None:
-        raise InputError(f"{path}: scenario {site.scenario.name} has no position on Earth, so this log has none in it")
+        raise InputError(
+            f"{path}: scenario {site.scenario.name} has no position on Earth, so this log has no positions in it"
+        )
     return read_foreign_log(path, site.frame, system=system)
 
 
@@ -62,7 +64,7 @@ def _of_its_standing(path: Path) -> list[str]:
             return [f"{path}: this flight is still in progress; later observations are not in the track yet"]
         case provenance.INTERRUPTED:
             return [
-                f"{path}: this flight was interrupted: the program that followed it ended first; continue with fly --resume"
+                f"{path}: this flight was interrupted: the program that followed it ended early; continue with fly --resume"
             ]
         case _:
             return []

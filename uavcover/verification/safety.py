@@ -102,7 +102,7 @@ def commanded_pace_doubt(
         ("descends", float(-vertical.min()), vehicle.max_descent_m_s, 1.25 * vehicle.max_descent_m_s + 1.0),
     ):
         if sustained > most:
-            return f"the vehicle {what} at {sustained:.1f} m/s for seconds, where {wanted:g} m/s are planned{tell}"
+            return f"the vehicle {what} at {sustained:.1f} m/s for several seconds instead of the planned {wanted:g} m/s{tell}"
     if planned is None or len(planned.waypoints_m) < 2:
         return None
     legs = np.diff(planned.waypoints_m, axis=0)
@@ -116,7 +116,7 @@ def commanded_pace_doubt(
         return None
     expected, fastest = float(pace[long_enough].max()), float(level.max())
     if fastest < SAFETY.too_slow * expected:
-        return f"the vehicle never flies faster than {fastest:.1f} m/s, where {expected:.1f} m/s are planned{tell}"
+        return f"the vehicle never flies faster than {fastest:.1f} m/s instead of the planned {expected:.1f} m/s{tell}"
     return None
 
 

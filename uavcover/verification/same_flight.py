@@ -143,7 +143,7 @@ class Records:
             return text
         return (
             f"{text}; they disagree by up to {self.same.aside_m:.1f} m aside and {self.same.above_m:.1f} m in height "
-            f"({SAME_FLIGHT.percentile:g} % of the time less): the positions are at least this uncertain"
+            f"({SAME_FLIGHT.percentile:g} % of the time by less): the positions are at least this uncertain"
         )
 
 
@@ -168,8 +168,8 @@ def at_two_places(judged: Sequence[JudgedTrack], records: Sequence[Records]) -> 
             common = None if (first, second) in same else common_time(one.track, other.track)
             if common is not None and common.overlaps:
                 found.append(
-                    f"tracks {first + 1} and {second + 1} overlap in time at different positions: one vehicle flew only one of "
-                    "them; give fleet.vehicles if there were several"
+                    f"tracks {first + 1} and {second + 1} overlap in time at different positions: one vehicle flew "
+                    "only one of them; set fleet.vehicles if there were several"
                 )
     return found
 

@@ -75,8 +75,8 @@ def judge_separation(
         if pair.least_m < limit_m
     ]
     doubts += [
-        f"tracks {pair.first + 1} and {pair.second + 1}: {pair.least_m:.1f} m apart by their clocks, but it may have been "
-        f"{max(pair.possibly_m, 0.0):.1f} m, less than the {limit_m:g} m of fleet.separation_m"
+        f"tracks {pair.first + 1} and {pair.second + 1}: {pair.least_m:.1f} m apart according to their clocks, but "
+        f"possibly {max(pair.possibly_m, 0.0):.1f} m, less than the {limit_m:g} m of fleet.separation_m"
         for pair in pairs
         if pair.possibly_m < limit_m <= pair.least_m
     ]

@@ -83,8 +83,8 @@ def clocks_apart(track: Track) -> str | None:
     worst = int(np.argmax(np.abs(drift_s)))
     further, other = ("satellites'", "vehicle's") if drift_s[worst] > 0.0 else ("vehicle's", "satellites'")
     return (
-        f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock goes {abs(drift_s[worst]):.1f} s further than "
-        f"the {other}: time was inserted or removed there"
+        f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock advances {abs(drift_s[worst]):.1f} "
+        f"s more than the {other}: time was inserted or removed there"
     )
 
 
@@ -98,13 +98,13 @@ def _date_problems(track: Track, bounds: DateBounds) -> Iterator[str]:
         yield f"its clock jumps by {jumps_s[at] / 3600.0:.1f} hours at {own_s[at + 1]:.1f} s"
     released_s = None if bounds.firmware is None else bounds.firmware.released_s
     if released_s is not None and first_s < released_s:
-        yield f"its firmware, {bounds.firmware}, is of {_day(released_s)[:7]}"
+        yield f"its firmware, {bounds.firmware}, dates from {_day(released_s)[:7]}"
     elif first_s < FIRST_LOG_S:
         yield f"no firmware that writes such logs is older than {_day(FIRST_LOG_S)}"
     if bounds.planned_s is not None and first_s < bounds.planned_s - BEFORE_PLAN_S:
-        yield f"its plan is of {_day(bounds.planned_s)}"
+        yield f"its plan dates from {_day(bounds.planned_s)}"
     if bounds.written_s is not None and last_s > bounds.written_s + AFTER_FILE_S:
-        yield f"its file is of {_day(bounds.written_s)}"
+        yield f"its file dates from {_day(bounds.written_s)}"
     late_s = track.received_utc_s[known] - unix_s
     if np.isfinite(late_s).any() and abs(float(np.nanmedian(late_s))) > CLOCK.disagrees_s:
         yield f"the ground station received it on {_day(float(np.nanmedian(track.received_utc_s)))}"

@@ -113,7 +113,7 @@ def contradiction(
     if not (numbers >= 0).any():
         return None
     if int(numbers.max()) >= len(waypoints_m):
-        return f"current_waypoint goes up to {int(numbers.max())}, and the plan has {len(waypoints_m)} waypoints"
+        return f"current_waypoint reaches {int(numbers.max())}, but the plan has {len(waypoints_m)} waypoints"
     numbered = np.flatnonzero(numbers >= 0)
     changes = numbered[1:][np.diff(numbers[numbered]) != 0]
     before = numbered[:-1][np.diff(numbers[numbered]) != 0]
@@ -133,15 +133,15 @@ def contradiction(
             soon = int(np.searchsorted(track.time_s, track.time_s[new] + SAFETY.overtaken_s, side="right"))
             if (numbers[new:soon] >= left).any():
                 continue  # a message that a later one has overtaken
-            return f"current_waypoint goes back from {left} to {reached} at {track.time_s[new]:.1f} s"
+            return f"current_waypoint decreases from {left} to {reached} at {track.time_s[new]:.1f} s"
         waypoint = waypoints_m[reached - 1 if reached >= 0 else left]
         window = slice(since, new + 1)
         away_m = float(_distances_m(enu_m[window], joined[since:new], waypoint).min())
         if away_m > radius_m + speed_m_s * float(track.time_s[new] - track.time_s[old]):
             name = reached - 1 if reached >= 0 else left
             return (
-                f"current_waypoint goes from {left} to {reached} at {track.time_s[new]:.1f} s, {away_m:.0f} m away from "
-                f"waypoint {name}"
+                f"current_waypoint changes from {left} to {reached} at {track.time_s[new]:.1f} s, {away_m:.0f} m "
+                f"away from waypoint {name}"
             )
     return None
 
@@ -151,12 +151,12 @@ def plan_doubt(passed: Passing) -> str | None:
     count, near = len(passed.samples), int((passed.nearest_m <= passed.radius_m).sum())
     if near == 0:
         return (
-            f"none of the {count} planned waypoints was passed, the nearest one at {float(passed.nearest_m.min()):.0f} m: "
-            "the track is of another flight, or its positions are moved"
+            f"none of the {count} planned waypoints was passed (the nearest at {float(passed.nearest_m.min()):.0f} "
+            "m): the track belongs to another flight, or its positions are shifted"
         )
     kept = int(passed.passed.sum())
     if near >= SAFETY.order_of and kept < SAFETY.kept_at_least * near:
-        return f"of {near} planned waypoints that were passed only {kept} come in the order of the plan"
+        return f"of {near} planned waypoints that were passed, only {kept} were passed in the planned order"
     reached = np.flatnonzero(passed.passed)
     missed = int(reached[-1]) + 1 - kept
     if missed > (1.0 - SAFETY.kept_at_least) * (int(reached[-1]) + 1):

@@ -68,7 +68,7 @@ def test_a_job_is_found_by_the_next_server_and_stopped(sleeper: Jobs, tmp_path: 
     assert again.document()["command"] == ["uavcover", "plan", "x", "--json", "--events"]
     assert again.signal(signal.SIGUSR1)
     until(lambda: {"say": "paused"} in again.events()[0])
-    with pytest.raises(InputError, match="another command works on this run folder"):
+    with pytest.raises(InputError, match="another command uses this run folder"):
         Jobs(tmp_path).start("verify", ["verify", "run"], run="run")
     assert again.signal(signal.SIGINT)
     until(lambda: again.code == 130)

@@ -53,7 +53,7 @@ def test_the_same_command_again_makes_nothing(cli: Cli, tmp_path: Path) -> None:
     ("arguments", "told"),
     [
         (("--functions", "MMF1,MMF99"), "--functions: 'MMF99' not known; choose from MMF1"),
-        (("--algorithms", ","), "--algorithms: no name given; choose from imodbo"),
+        (("--algorithms", ","), "--algorithms: the name is missing; choose from imodbo"),
         ((), "-o/--out: name the folder"),
     ],
 )

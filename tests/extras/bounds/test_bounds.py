@@ -84,7 +84,9 @@ def test_prices_are_said_to_hold_for_the_ground_and_the_quick_bound_for_what_is_
     document = bound_document(priced)
     assert document["counted"] == "ground"
     (line,) = bounds_in_words({"shortest_path_m": document})
-    assert "that observes this share of the ground itself (found: of the cells, one point in each), by prices" in line
+    assert (
+        "that observes this fraction of the ground itself (found: of the cells, one point in each), by prices" in line
+    )
 
 
 def test_legs_without_limits_may_see_from_any_height():

@@ -363,7 +363,7 @@ def test_a_rally_point_whose_height_above_the_sea_is_taken_as_one_above_home() -
     own = OwnReturn(parameters={}, rally=(rally_at(200.0, 0.0, 705.0),))
     outcome = checked(*OVER, limits=limits, own_return=own)
     assert rally_words(outcome) == [
-        "rally point 1: 705 m above home is 705 m above ground; the number is a height above sea level"
+        "rally point 1: 705 m above home is 705 m above ground; this value is a height above sea level"
     ]
     own = OwnReturn(parameters={}, rally=(rally_at(200.0, 0.0, 705.0, Frame.AMSL),))
     assert rally_words(checked(*OVER, limits=limits, own_return=own)) == []

@@ -93,9 +93,9 @@ def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "weekend.geojson").write_text(json.dumps(timed))
     weekend = ("check", file, "--dem", DEM, "--return-height", "70m", "--no-fly", tmp_path / "weekend.geojson")
     for more, code, said in (
-        ((), 1, "1 no-fly zones have schedules and count as always in force"),
+        ((), 1, "1 no-fly zones have schedules and count as always active"),
         (("--at", "2026-06-06T09:00Z"), 1, ""),
-        (("--at", "2026-06-05T09:00Z/2h"), 0, "1 of 1 no-fly zones are not in force then"),
+        (("--at", "2026-06-05T09:00Z/2h"), 0, "1 of 1 no-fly zones are not active during the flight"),
     ):
         ended = cli(*weekend, *more)
         assert (ended.code, said in ended.out) == (code, True), ended.out
@@ -160,7 +160,7 @@ def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, told: float) -> Non
         (("fence.waypoints", "--dem", DEM), "no mission"),
         (("empty.waypoints", "--dem", DEM), "no items"),
         (("broken.waypoints", "--dem", DEM), "broken.waypoints"),
-        (("m.waypoints", "--dem", "none.tif"), "none.tif: no such file; give --dem"),
+        (("m.waypoints", "--dem", "none.tif"), "none.tif: no such file; set --dem"),
         (("m.waypoints", "--dem", DEM, "--min-height", "130m"), "above --max-height, 120 m"),
         (("m.waypoints", "--dem", DEM, "--vehicle", "bicycle"), "bicycle"),
         (("m.waypoints", "--dem", DEM, "--flies-as", "bird"), "bird"),

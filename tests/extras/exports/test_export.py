@@ -179,10 +179,10 @@ def test_heights_above_the_ellipsoid_are_those_above_sea_level_and_the_geoid(mon
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"heights": "wgs84"}, "--heights: 'wgs84' is not known; give takeoff or ellipsoid"),
+        ({"heights": "wgs84"}, "--heights: 'wgs84' is not known; use takeoff or ellipsoid"),
         (
             {"file_format": "litchi", "heights": "ellipsoid"},
-            "--heights ellipsoid: requires --format wpml, not litchi",
+            "--heights ellipsoid: this option requires --format wpml, not litchi",
         ),
     ],
 )
@@ -322,7 +322,7 @@ def test_a_part_of_an_older_export_is_not_left_beside_new_ones(tmp_path: Path) -
         write_exported(out, CONTENTS, force=False)
     fewer = dict.fromkeys(("m-1.kmz", "m-2.kmz"), b"new")
     with pytest.raises(
-        OutputError, match=r"m-3.kmz: belongs to another export and would be mistaken for a part of this one"
+        OutputError, match=r"m-3.kmz: this file belongs to another export and could be mistaken for a part of this one"
     ):
         write_exported(out, fewer, force=True, older=["m-1.kmz", "m-2.kmz", "m-3.kmz"])
     assert files_in(tmp_path) == CONTENTS
@@ -343,7 +343,7 @@ def test_a_return_by_the_controller_itself_is_safe_or_warned_of() -> None:
 
     zone = NoFly(polygon_east_north_m=((-60.0, 20.0), (-30.0, 20.0), (-30.0, 180.0), (-60.0, 180.0)), name="pad")
     (flight,) = flight_files(make_site(ridge(-50.0, 60.0), no_fly=(zone,)), route, request())
-    assert flight.warnings == ("a straight return enters no-fly zone pad; let it come home along the route",)
+    assert flight.warnings == ("a straight return enters no-fly zone pad; let the aircraft return along the route",)
 
 
 def test_what_a_file_says_of_itself() -> None:

@@ -127,7 +127,7 @@ def test_a_battery_that_brings_nothing_on_is_not_tried_again(tmp_path: Path, mon
     monkeypatch.setattr("uavcover.extras.fleet.work.rest_of", lambda flown, *_: replace(flown, name=f"{flown.name}+"))
     told = fly_script([job(tmp_path, 1, 1, 0.0)], {"001": EARLY, "001+": EARLY, "001++": EARLY})
     assert told.flight.work.left == ["001"]
-    assert any("remains as a gap: a battery lasts there and back" in line for line in told.lines)
+    assert any("remains as a gap: a battery lasts only for the transits" in line for line in told.lines)
 
 
 def test_a_gain_is_a_waypoint_or_a_part_of_a_leg(tmp_path: Path) -> None:
@@ -150,4 +150,4 @@ def test_an_empty_battery_does_not_keep_the_others_waiting(tmp_path: Path) -> No
     told = fly_script(jobs_of(tmp_path / "b"), {}, percent={1: 40})
     assert told.landed() == set()
     assert told.flight.called_off
-    assert "one vehicle is not ready, so none starts" in told.lines
+    assert "one vehicle is not ready, so no vehicle starts" in told.lines

@@ -142,7 +142,7 @@ def test_one_vehicle_flies_one_flight_at_a_time_from_its_launch_points(tmp_path:
     # It is one vehicle: it has one link, and the words are those of places.
     run, user = plan_for(tmp_path / "run", site, route), Listener()
     for refuse in (lambda: first_sorties(run, 2), lambda: planned_jobs(run, 2)):
-        with pytest.raises(InputError, match=r"planned one at a time; give one --to, and --sortie N"):
+        with pytest.raises(InputError, match=r"planned one at a time; use one --to, and --sortie N"):
             refuse()
     say_fleet(user, fleet_document(site, flights))
     assert [line.split("sorties")[0].strip() for line in user.lines[:2]] == ["from home", "from launch point 1"]
@@ -175,7 +175,7 @@ def test_what_one_leaves_is_taken_over_from_another_home(planned: RunFolder, tmp
         fly(run, hangar, user)
     rows = failed.value.details()["sorties"]
     assert {row["vehicle"]: row["ending"] for row in rows if row["ending"] != "landed"} == {2: "crashed"}
-    assert any("vehicle 1 takes over the rest of sortie" in line for line in user.lines)
+    assert any("vehicle 1 takes over the remaining part of sortie" in line for line in user.lines)
     rest = next(row for row in rows if "resumed-1" in row["run"])
     taken = load_scenario(Path(rest["run"]) / "scenario.toml")
     assert (taken.home, taken.vehicle.autopilot) == (load_scenario(run.file("scenario.toml")).home, "ardupilot")
@@ -195,7 +195,7 @@ def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: 
         fly(run, Hangar(2, make), user, on_loss=OnLoss.GAPS)
     told = failed.value.details()
     assert len(told["left"]) == 1
-    assert any("planning a separate mission for the rest of the lost vehicle" in line for line in user.lines)
+    assert any("planning a separate mission for the remaining lost vehicle" in line for line in user.lines)
     gaps = RunFolder(run.path / "gaps")
     assert told["gaps"]["gaps"] > 0
     site, mission = read_planned(gaps)
@@ -212,7 +212,7 @@ def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) 
 
     run = copied(planned, tmp_path)
     with pytest.raises(
-        FleetFailedError, match=r"leads to px4, and vehicle 1 is planned for ardupilot; give --to in the order"
+        FleetFailedError, match=r"leads to px4, but vehicle 1 is planned for ardupilot; use --to in the order"
     ):
         fly(run, Hangar(2, swapped), Listener())
 
@@ -221,7 +221,7 @@ def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) 
 
     hangar = Hangar(2, elsewhere)
     with pytest.raises(
-        FleetFailedError, match=r"it is at the home of vehicle 2: give --to in the order of the vehicles"
+        FleetFailedError, match=r"it is at the home of vehicle 2: use --to in the order of the vehicles"
     ):
         fly(run, hangar, Listener())
     assert all(vehicle.took_off_at_s is None for flown in hangar.flown.values() for vehicle in flown)
@@ -252,7 +252,7 @@ def test_a_vehicle_that_reaches_nothing_stays_on_the_ground(tmp_path: Path) -> N
     assert [row.vehicle for row in first_sorties(run, 3)] == [1, 3]
     with pytest.raises(InputError, match=r"is flown by 3 vehicles, and --to names 2"):
         planned_jobs(run, 2)
-    with pytest.raises(InputError, match=r"its 3 vehicles differ, and --to names 2; give the link of each"):
+    with pytest.raises(InputError, match=r"the 3 vehicles differ, but --to names 2; specify the link of each"):
         first_sorties(run, 2)
 
 
@@ -281,12 +281,12 @@ def test_a_home_that_cannot_be_names_its_vehicle(tmp_path: Path) -> None:
 
 def test_one_file_for_flights_from_several_homes_is_refused(planned: RunFolder, tmp_path: Path) -> None:
     request = ExportRequest(file_format="csv", out=tmp_path / "x.csv", most_points=20)
-    with pytest.raises(InputError, match="export one at a time, with --sortie N"):
+    with pytest.raises(InputError, match="export one flight at a time, with --sortie N"):
         export_mission(planned, request)
 
 
 def test_equal_vehicles_have_no_site_of_their_own(tmp_path: Path) -> None:
     site = load_site(load_scenario(corner_of_the_demo(tmp_path)))
     assert vehicle_sites(site) == ()
-    with pytest.raises(ScenarioError, match="lists 2 that are not alike"):
+    with pytest.raises(ScenarioError, match=r"there are 2 different \[\[vehicle\]\] tables"):
         unlike_site(tmp_path, [None, FAR]).flown_by(3)

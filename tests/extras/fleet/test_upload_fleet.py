@@ -100,7 +100,7 @@ def test_nothing_is_sent_when_the_second_is_not_ready(
     with pytest.raises(VehicleError, match=words):
         upload_fleet(RunFolder(folder), [LINK, LINK], user)
     assert sent == []
-    assert "vehicle 2 at mock:: not ready; nothing was uploaded to any vehicle" in user.lines
+    assert "vehicle 2 at mock:is not ready; no mission was uploaded to any vehicle" in user.lines
 
 
 def test_who_holds_a_sortie_is_told_when_an_upload_fails(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +116,7 @@ def test_who_holds_a_sortie_is_told_when_an_upload_fails(folder: Path, monkeypat
     user = Listener()
     with pytest.raises(VehicleError, match="the link is gone"):
         upload_fleet(RunFolder(folder), [LINK, LINK], user)
-    assert "vehicle 2: the upload failed; vehicles that hold their sortie: 1" in user.lines
+    assert "vehicle 2: the upload failed; vehicles that have their sortie: 1" in user.lines
 
 
 def test_more_vehicles_than_the_plan_has(folder: Path) -> None:
@@ -131,6 +131,6 @@ def test_fewer_vehicles_fly_than_the_plan_has(folder: Path, tmp_path: Path) -> N
     (tmp_path / "sortie-1").mkdir()
     (tmp_path / "sortie-1" / "plan.json").write_text("{}")
     with pytest.raises(
-        InputError, match=r"is flown by 2 vehicles, .*; more would not be done sooner; give --to 2 times"
+        InputError, match=r"the plan is for 2 vehicles, .*; more vehicles would not finish sooner; use --to 2 times"
     ):
         first_sorties(RunFolder(tmp_path), 3)

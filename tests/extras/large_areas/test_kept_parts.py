@@ -11,7 +11,7 @@ from uavcover.errors import UavcoverError
 from uavcover.extras.large_areas.divided_plan import search_parts_on
 from uavcover.extras.large_areas.kept_parts import KeptParts
 from uavcover.extras.large_areas.part_search import PartTask
-from uavcover.extras.large_areas.planner import RunTasks
+from uavcover.extras.large_areas.plan_by_parts import RunTasks
 from uavcover.scenario.site import Site
 
 

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from tests.planner.sites import hills, make_site
-from uavcover.extras.large_areas.planner import tasks_of
+from uavcover.extras.large_areas.plan_by_parts import tasks_of
 from uavcover.extras.large_areas.slices import Slice, sliced
 from uavcover.kernels.route import path_length
 from uavcover.missions.leg_checks import measure_violations

@@ -6,9 +6,8 @@ import pytest
 import shapely
 
 from tests.planner.sites import flat, hills, make_site
-from uavcover.extras.large_areas import planner
 from uavcover.extras.large_areas.part_search import PartTask, search_part
-from uavcover.extras.large_areas.planner import plan_by_parts
+from uavcover.extras.large_areas.plan_by_parts import plan_by_parts
 from uavcover.extras.large_areas.sortie_parts import FEWEST, may_have_sorties, sortie_parts
 from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.leg_checks import measure_violations
@@ -91,7 +90,7 @@ def planned(site: Site, run_tasks, *, or_sorties: bool):
 
 @pytest.mark.parametrize("worth", [2.0, 0.5])
 def test_parts_are_flights_where_that_is_allowed_and_worth_it(monkeypatch: pytest.MonkeyPatch, worth) -> None:
-    monkeypatch.setattr(planner, "_WORTH", worth)
+    monkeypatch.setattr("uavcover.extras.large_areas.plan_by_parts._WORTH", worth)
     asked: list[list[PartTask]] = []
 
     def as_begun(site: Site, tasks):

@@ -153,4 +153,4 @@ def test_a_curve_of_the_package_is_told_to_be_an_example() -> None:
     example = curve_named("person")
     assert example.is_example
     (doubt,) = detection_doubts(Detection(example, values, values, values), shown)
-    assert "is an example" in doubt
+    assert "is a rule of thumb" in doubt

@@ -283,21 +283,21 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
     assert ended.code in (0, 1)
     take(tmp_path / "DCIM", [(lat, lon, alt - 200.0, yaw, t) for lat, lon, alt, yaw, t in flown])
     ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly", "--force")
-    assert "lie under the ground" in ended.err
+    assert "below the ground" in ended.err
     assert ended.code == 1
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ((), "give either --area"),
-        (("--area", AREA, "--scenario", "x.toml"), "give either --area"),
+        ((), "specify either --area"),
+        (("--area", AREA, "--scenario", "x.toml"), "specify either --area"),
         (("--scenario", "jacksboro", "--gsd", "2cm"), "--gsd belongs to --area"),
         (("--area", AREA), "--dem"),
         (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 must be above 0"),
         (("--area", AREA, "--dem", DEM, "--angle-error", "-1"), "--angle-error"),
         (("--area", AREA, "--dem", DEM, "--takeoff", "0,0"), "--takeoff: 0, 0 is outside"),
-        (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no photo is of the camera"),
+        (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no photo was taken with the camera"),
         (("--area", "46.0,8.0,60", "--dem", DEM), "46"),
         (("--area", AREA, "--dem", DEM, "--max-blur", "0"), "--max-blur: 0 is out of range"),
         (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: needs --detection"),
@@ -325,7 +325,7 @@ def test_photos_of_a_second_camera_are_named(cli, tmp_path, flown):
     ended = cli(
         "judge-photos", tmp_path / "DCIM", "--area", AREA, "--dem", DEM, "--no-refly", "-o", tmp_path / "out", "--json"
     )
-    assert "3 photos are of other cameras (DJI P1) and do not count: judge each camera on its own" in ended.err
+    assert "3 photos are from other cameras (DJI P1) and do not count: judge each camera on its own" in ended.err
     assert ended.err.count("the shortest interval of") == 1
     assert ended.document["counted"] == 12
 
@@ -334,7 +334,7 @@ def test_photos_without_places_say_what_to_give(cli, tmp_path):
     write_jpeg(tmp_path / "DCIM_0001.jpg")
     ended = cli("judge-photos", tmp_path, "--area", AREA, "--dem", DEM, "-o", tmp_path / "out")
     assert ended.code == 2
-    assert "no position; give a list of their positions as well (geo.txt, .csv, .MRK or the flight's log)" in ended.err
+    assert "no position; add a list of their positions (geo.txt, .csv, .MRK or the flight's log)" in ended.err
 
 
 @pytest.mark.parametrize("gsd", [(), ("--gsd", "2.5cm")])
@@ -347,9 +347,9 @@ def test_swapped_axes_are_asked_about(cli, tmp_path, gsd):
 
 
 FAULTS = {
-    "another lens": ({"film_mm": 162, "focal_mm": 29.9}, "has the view of 162 mm on 35 mm film"),
+    "another lens": ({"film_mm": 162, "focal_mm": 29.9}, "has the field of view of 162 mm on 35 mm film"),
     "a crop": ({"pixels": (5280, 1500)}, "5280 x 1500 pixels: cropped"),
-    "another camera": ({"pixels": (4000, 3000)}, "4000 x 3000 pixels: of another camera"),
+    "another camera": ({"pixels": (4000, 3000)}, "4000 x 3000 pixels: the photo is from a different camera"),
 }
 
 
@@ -383,7 +383,7 @@ def test_cameras_that_look_up_or_lie_across_their_line_are_doubted(cli, tmp_path
 
     assert doubts(-90.0, 0.0) == []
     assert doubts(-90.0, 180.0) == []
-    assert "degrees (median) off the line" in doubts(-90.0, 90.0)[0]
+    assert "degrees (median) from the flight direction" in doubts(-90.0, 90.0)[0]
     assert f"{len(flown)} of {len(flown)} cameras look at the horizon or above it, first 0000" in doubts(90.0, 0.0)[0]
 
 

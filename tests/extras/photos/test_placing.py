@@ -55,12 +55,12 @@ def test_pictures_without_a_place_or_a_direction_do_not_count_and_say_why():
     assert [p.name for p in placed.pictures] == ["a", "alone"]  # the line from a to it is its heading
     assert placed.left_out == {
         "no place": "no position",
-        "zero": "position 0, 0 is none on Earth",
-        "swapped": "position 120, 8 is none on Earth",
+        "zero": "position 0, 0 is not on Earth",
+        "swapped": "position 120, 8 is not on Earth",
         "no height": "no height",
         "in space": "height 1e+300 m is impossible for a flight",
-        "turning": "angles of more than a turn",
-        "relative": "only a height above take-off: give --takeoff",
+        "turning": "its angles exceed a full turn",
+        "relative": "only a height above take-off: specify --takeoff",
     }
     with pytest.raises(TrackError, match="none of 1 photos can be placed; alone: no direction"):
         place_pictures([bad[-1]], FRAME, Assumptions())

@@ -148,15 +148,15 @@ BAD = {
     "empty.txt": ("", "is empty"),
     "geo.txt": ("EPSG:99999999\na 1 2 3\n", "not a projection"),
     "words.txt": ("EPSG:4326\na b c\n", "line 2"),
-    "list.json": ("{}", "not ODM's list"),
+    "list.json": ("{}", "not an ODM list"),
     "torn.json": ("[", "not JSON"),
-    "a.MRK": ("1 2 3\n", "not a row of DJI's image log"),
+    "a.MRK": ("1 2 3\n", "not a row of a DJI image log"),
     "a.csv": ("a,b\n1,2\n", "no column for name, lat_deg, lon_deg, alt_m"),
     "b.csv": ("name,lat,lon,alt\nx,1,2,high\n", "line 2: alt_m: 'high'"),
     "c.csv": ("", "is empty"),
     "d.csv": ("name,lat,lon,alt\nx,8 deg 61' 1\" N,2,3\n", "line 2: lat_deg: "),
     "e.csv": ("name,lat,lon,alt\nx,8 deg 1' 1\" E,2,3\n", "line 2: lat_deg: "),
-    "f.csv": ("name,lat,lon,alt\nx,1,5,2,5,3\n", "line 2: 6 cells, the header has 4 .*decimal points"),
+    "f.csv": ("name,lat,lon,alt\nx,1,5,2,5,3\n", "line 2: 6 cells, but the header has 4 .*decimal points"),
     "g.csv": ("name;lat;lon;alt\nx;1,5;2.5;3\n", "numbers with commas .* and with points"),
     "a.jpg": ("not a picture", "is not a photo"),
     "a.raw": ("x", "neither a photo nor a list"),
@@ -220,8 +220,8 @@ def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
     why = {picture.name: picture.lacks() for picture in read_pictures([tmp_path]).pictures}
     assert set(why) == {"0.jpg", "1.jpg", "2.jpg", "3.jpg", "padded.jpg"}
     assert (why["0.jpg"], why["3.jpg"], why["padded.jpg"]) == (None, None, None)
-    assert why["1.jpg"] == "its file is cut off; copy it from the card again"
-    assert why["2.jpg"].startswith("is not a photo that can be read")
+    assert why["1.jpg"] == "the file is truncated; copy it from the card again"
+    assert why["2.jpg"].startswith("the photo cannot be read")
     with pytest.raises(TrackError, match="is not a photo"):
         read_pictures([tmp_path / "2.jpg"])
     for name in ("0.jpg", "1.jpg", "3.jpg", "padded.jpg"):
@@ -270,7 +270,7 @@ def test_pictures_of_two_clocks_are_in_order_within_each(tmp_path):
         )
     found = read_pictures([tmp_path])
     assert [picture.name for picture in found.pictures] == ["2.jpg", "0.jpg", "1.jpg", "3.jpg"]
-    assert "times are of 2 clocks (the clock of DJI M3E, the clock of DJI P1)" in found.notes[0]
+    assert "times come from 2 clocks (the clock of DJI M3E, the clock of DJI P1)" in found.notes[0]
     first, second = clocks_of(found.pictures)
     assert (first["pictures"], first["last_s"] - first["first_s"], first["utc_minus_clock_s"]) == (2, 4.0, -7201.0)
     assert second["utc_minus_clock_s"] is None

@@ -99,7 +99,7 @@ def test_limits_that_the_user_gave_are_judged_and_others_are_told(cli, tmp_path,
     assert low.code == 1
     assert {violation["kind"] for violation in low.document["violations"]} == {"above-band"}
     told = cli(*arguments, "-o", tmp_path / "b")
-    assert "not judged, because not given: --max-height, --no-fly" in told.out
+    assert "not judged, because not specified: --max-height, --no-fly" in told.out
     overlap = cli(*arguments, "--overlap", "90/90", "-o", tmp_path / "c", "--json")
     assert overlap.code == 1
     assert any(reason.startswith("the required overlap, 100 photos") for reason in overlap.document["reasons"])
@@ -138,13 +138,13 @@ def test_a_changed_scenario_is_noticed(cli, tmp_path, flight):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), "give a run folder"),
+        ((), "specify a run folder"),
         (("--area", AREA, "--dem", DEM), "--area needs a flight"),
         (("RUN", "--gsd", "2cm"), "--gsd requires --area"),
         (("RUN", "-o", "x"), "-o requires --area"),
-        (("FLIGHT", "--area", AREA, "--dem", DEM), "give --camera"),
+        (("FLIGHT", "--area", AREA, "--dem", DEM), "specify --camera"),
         (("FLIGHT", "--area", AREA, "--camera", "dji-m3e"), "--dem"),
-        (("FLIGHT", "--area", "36.6,-84.3,60", "--dem", DEM, "--camera", "dji-m3e"), "km from the area"),
+        (("FLIGHT", "--area", "36.6,-84.3,60", "--dem", DEM, "--camera", "dji-m3e"), "km from the area; the limit is"),
         (("ELSEWHERE", "--area", AREA, "--dem", DEM, "--camera", "dji-m3e"), "latitude and longitude swapped"),
         (("gone.bin", "--area", AREA, "--dem", DEM, "--camera", "dji-m3e"), "no such file"),
     ],

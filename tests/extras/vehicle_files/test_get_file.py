@@ -32,10 +32,10 @@ def test_what_was_sent_is_listed_and_comes_back(cli: Cli, tmp_path: Path) -> Non
     ("path", "out", "telling"),
     [
         ("/a/there", "there", "would be overwritten; use --force"),
-        ("/a/there", "", "is a folder; name a file"),
-        ("/a/x", "nowhere/x", "is not a folder; create it first"),
-        ("/a/..", "x", "names no file"),
-        ("/a/", "x", "a folder is listed, not written"),
+        ("/a/there", "", "this is a folder; specify a file"),
+        ("/a/x", "nowhere/x", "this is not a folder; create it first"),
+        ("/a/..", "x", "is not a file name"),
+        ("/a/", "x", "this is a folder, which is listed and not written"),
     ],
 )
 def test_bad_input_is_one_line(cli: Cli, tmp_path: Path, path: str, out: str, telling: str) -> None:
@@ -63,13 +63,15 @@ def test_the_file_of_a_mission_becomes_waypoints(cli: Cli, tmp_path: Path) -> No
         raw = cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "raw.dat")
         assert raw.code == 0, raw.err
     assert sent.code == 3  # ArduPilot makes a list of it: what is read afterwards has the vehicle's own home
-    assert "arrived with another CRC" in sent.error
+    assert "arrived with a different CRC" in sent.error
     assert read_mission_dat((tmp_path / "raw.dat").read_bytes(), MissionType.MISSION)[1:] == items
     mission = read_mission(tmp_path / "m.waypoints")
     assert [(item.command, item.lat_deg, item.alt_m) for item in mission.items] == [(22, 0.0, 40.0), (16, far, 60.0)]
 
 
-@pytest.mark.parametrize(("autopilot", "telling"), [("ardupilot", ""), ("px4", "PX4 has no lists as files")])
+@pytest.mark.parametrize(
+    ("autopilot", "telling"), [("ardupilot", ""), ("px4", "PX4 does not provide its lists as files")]
+)
 def test_the_command_says_which_way_it_went(cli: Cli, tmp_path: Path, autopilot: str, telling: str) -> None:
     file = tmp_path / "m.waypoints"
     home, above = GeoPoint(36.48, -84.22, 500.0), Frame.ABOVE_HOME

@@ -65,7 +65,7 @@ LINE = "<Placemark><name>way</name><LineString><coordinates>{}</coordinates></Li
         ("-98.2, 33.1, 5 -98.25 ,33.3,\n6 -98.05,33.35", "removed space around commas"),
         ("-98.2,33.1,\n-98.25,33.3,\n-98.05,33.35,\n", "removed commas between positions"),
         ("-98.2,33.1, -98.25,33.3, -98.05,33.35", "removed commas between positions"),
-        ("-98.2,33.1,5,1700000000 -98.25,33.3,6,1700000001 -98.05,33.35", "left out a fourth number"),
+        ("-98.2,33.1,5,1700000000 -98.25,33.3,6,1700000001 -98.05,33.35", "ignored a fourth number"),
         ("-98.2,33.1\u00a0-98.25,33.3\t\r\n-98.05,33.35", None),
     ],
 )
@@ -85,7 +85,7 @@ def test_kml_coordinates_that_could_be_anything_are_an_error(coordinates: str) -
 def test_kml_coordinates_that_say_nothing_are_left_out(coordinates: str) -> None:
     found = kml.read_drawing(kml_of(LINE.format(coordinates) + REST))
     assert (found.lines, found.spots) == (WHOLE.lines, WHOLE.spots)
-    assert [line.split(": ")[1] for line in found.repairs] == ["left out an empty LineString"]
+    assert [line.split(": ")[1] for line in found.repairs] == ["ignored an empty LineString"]
 
 
 def test_kml_names_may_follow_what_they_name() -> None:
@@ -131,11 +131,11 @@ def test_what_is_repaired_or_left_out_is_listed() -> None:
     empty = kml_of("<Placemark><Point></Point></Placemark>")
     assert kml.read_drawing("\ufeff" + empty).repairs == (
         "removed a byte order mark",
-        "line 2: left out an empty Point",
+        "line 2: ignored an empty Point",
     )
     assert geojson.read_drawing(geo(None, {"type": "Polygon", "coordinates": []})).repairs == (  # type: ignore[arg-type]
-        "document.features[0]: left out a feature without a geometry",
-        "document.features[1].geometry.coordinates: left out an empty polygon",
+        "document.features[0]: ignored a feature without a geometry",
+        "document.features[1].geometry.coordinates: ignored an empty polygon",
     )
 
 
@@ -145,36 +145,36 @@ BOMB = '<!DOCTYPE kml [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;
 @pytest.mark.parametrize(
     ("read", "text", "what"),
     [
-        (kml.read_drawing, "", "line 1: no XML: no element found"),
-        (kml.read_drawing, kml_of(POLYGON)[:-9], "no XML"),
-        (kml.read_drawing, "<html></html>", "line 1: <html> is not the beginning of KML"),
+        (kml.read_drawing, "", "line 1: not XML: no element found"),
+        (kml.read_drawing, kml_of(POLYGON)[:-9], "not XML"),
+        (kml.read_drawing, "<html></html>", "line 1: <html> is not the root element of a KML file"),
         (kml.read_drawing, f"{BOMB}<kml><name>&b;</name></kml>", "a document type, which may define entities; remove"),
         (kml.read_drawing, "<!DOCTYPE kml SYSTEM 'file:///etc/passwd'><kml/>", "a document type"),
-        (kml.read_drawing, "<kml>&undefined;</kml>", "no XML: undefined entity"),
+        (kml.read_drawing, "<kml>&undefined;</kml>", "not XML: undefined entity"),
         (kml.read_drawing, "<kml>\ud800</kml>", "half a character"),
         (kml.read_drawing, kml_of("<Point><coordinates>1</coordinates></Point>"), "coordinate 0: '1' is not longitude,lat"),
         (kml.read_drawing, kml_of("<Point><coordinates>1,nan</coordinates></Point>"), "'nan' is not a finite number"),
         (kml.read_drawing, kml_of("<Point><coordinates>33,-98</coordinates></Point>"), "latitude -98 is not a position"),
         (kml.read_drawing, kml_of("<Polygon></Polygon>"), "a polygon without an outer boundary"),
         (kml.read_drawing, kml_of(POLYGON.replace("inner", "outer")), "a second outer boundary"),
-        (kml.read_drawing, kml_of("<LinearRing><coordinates>1,2 3,4 1,2</coordinates></LinearRing>"), "a ring of 2 corners"),
+        (kml.read_drawing, kml_of("<LinearRing><coordinates>1,2 3,4 1,2</coordinates></LinearRing>"), "ring has 2 corners"),
         (geojson.read_drawing, "", "line 1: not JSON"),
         (geojson.read_drawing, "[" * 200_000, "document: nested too deeply"),
-        (geojson.read_drawing, "{}", "document.type: is missing"),
-        (geojson.read_drawing, '{"type": 5}', "document.type: a text is expected"),
+        (geojson.read_drawing, "{}", r"document\.type: the key is missing"),
+        (geojson.read_drawing, '{"type": 5}', r"document\.type: a string is expected"),
         (geojson.read_drawing, '{"type": "Circle"}', "'Circle' is not a GeoJSON type"),
         (geojson.read_drawing, '{"type": "Point", "coordinates": [33, -98]}', "longitude 33, latitude -98 is no"),
         (geojson.read_drawing, '{"type": "Point", "coordinates": [1e999, 0]}', "a number too large is not a number"),
         (geojson.read_drawing, '{"type": "Point", "coordinates": [null, true]}', "null is not a number"),
         (geojson.read_drawing, '{"type": "Point", "coordinates": [5]}', "a position of 1 numbers"),
-        (geojson.read_drawing, '{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "a ring of 2 corners"),
+        (geojson.read_drawing, '{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "ring has 2 corners"),
         (geojson.read_drawing, '{"type": "Point", "coordinates": [1, 2], "crs": {"type": "name", "properties":'
-         ' {"name": "urn:ogc:def:crs:EPSG::3857"}}}', "the reference system 'urn:ogc:def:crs:EPSG::3857'; export"),
-        (poly.read_area, "33.1 -98.2\n33.2 -98.2\n", "the area: a ring of 2 corners"),
-        (poly.read_area, "33.1 -98.2 5\n", "line 1: 3 numbers, a position has 2; latitude, then longitude"),
+         ' {"name": "urn:ogc:def:crs:EPSG::3857"}}}', "the reference system is 'urn:ogc:def:crs:EPSG::3857'; export"),
+        (poly.read_area, "33.1 -98.2\n33.2 -98.2\n", "the area: the ring has 2 corners"),
+        (poly.read_area, "33.1 -98.2 5\n", "line 1: 3 numbers; a position has 2; latitude, then longitude"),
         (poly.read_area, "-98.2 33.1\n", "line 1: latitude -98.2, longitude 33.1 is not a position; latitude comes first"),
         (poly.read_area, "x y\n", "line 1: 'x' is not a finite number"),
-        (poly.read_fence, "# nothing\n", "holds no position; the first line is the return point"),
+        (poly.read_fence, "# nothing\n", "the file contains no position; the first line is the return point"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_one_error_with_its_place(read: Callable[[str], Any], text: str, what: str) -> None:
@@ -192,7 +192,7 @@ def test_the_old_wgs84_name_of_geojson_is_taken() -> None:
 def test_a_name_that_xml_cannot_hold_is_refused() -> None:
     from tests.mission_io.formats.samples import MISSION
 
-    with pytest.raises(FormatError, match=r"the name holds '\\x07'"):
+    with pytest.raises(FormatError, match=r"the name contains '\\x07'"):
         kml.write_mission(MISSION, name="a\x07")
 
 

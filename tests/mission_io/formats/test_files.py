@@ -57,7 +57,7 @@ def test_waypoints_are_recognised_by_their_commands(tmp_path: Path) -> None:
 def test_maps_are_written_and_not_read(tmp_path: Path, name: str, first: str) -> None:
     write_mission(MISSION, tmp_path / name)
     assert (tmp_path / name).read_text().replace('{\n "', '{"').startswith(first)
-    with pytest.raises(MisuseError, match="holds shapes and no items"):
+    with pytest.raises(MisuseError, match=r"file contains shapes, not mission items"):
         read_mission(tmp_path / name)
 
 
@@ -82,9 +82,12 @@ def test_what_cannot_be_done_is_said(tmp_path: Path, caplog: pytest.LogCaptureFi
     for act, telling in (
         (lambda: read_mission(tmp_path / "none.plan"), r"none.plan: cannot be read \(No such file"),
         (lambda: read_mission(tmp_path), r": cannot be read \("),
-        (lambda: read_mission(fen), r"a.fen: a .fen file holds a fence and nothing else"),
-        (lambda: write_mission(MISSION, fen), r"a.fen: a .fen file cannot hold a mission"),
-        (lambda: write_mission(MISSION, tmp_path / "a.csv", rally=RALLY), r"a.csv: only a .plan file holds"),
+        (lambda: read_mission(fen), r"a\.fen: a \.fen file contains only a fence"),
+        (lambda: write_mission(MISSION, fen), r"a\.fen: a \.fen file cannot contain a mission"),
+        (
+            lambda: write_mission(MISSION, tmp_path / "a.csv", rally=RALLY),
+            r"a\.csv: only a \.plan file can contain fence",
+        ),
         (lambda: write_mission(MISSION, tmp_path / "no" / "a.csv"), r"a.csv: cannot be written \("),
     ):
         with pytest.raises(MissionIoError, match=telling):

@@ -49,7 +49,7 @@ def test_a_mission_from_before_plans(document: dict[str, Any], tmp_path: Path) -
     (tmp_path / "a.mission").write_text(json.dumps(document))
     file = read_file(tmp_path / "a.mission")
     assert file.mission == MISSION
-    assert (file.fence, file.rally, file.repairs) == (None, None, ("a file of QGroundControl from before .plan",))
+    assert (file.fence, file.rally, file.repairs) == (None, None, ("a QGroundControl file older than .plan",))
     (tmp_path / "a.plan").write_text(json.dumps(document))
     assert read_mission(tmp_path / "a.plan") == MISSION
 
@@ -71,7 +71,7 @@ def test_jumps_of_version_1_go_to_ids() -> None:
     assert mission is not None
     assert mission.items[-1].params == (4.0, 2.0, 0.0, 0.0)
     document["items"][3]["id"] = 41
-    with pytest.raises(FormatError, match="a jump to 40, which is the id of no item"):
+    with pytest.raises(FormatError, match="a jump to 40, but no item"):
         read(json.dumps(document))
 
 
@@ -92,14 +92,17 @@ def test_fence_and_rally_points_from_before_plans() -> None:
 @pytest.mark.parametrize(
     ("document", "what"),
     [
-        (version_1(complexItems=[{"id": 3}]), "a survey, whose items are not in the file"),
-        ({**version_2(), "items": [{"type": "ComplexItem", "complexItemType": "survey"}]}, "a survey, whose items"),
+        (version_1(complexItems=[{"id": 3}]), "the items of the survey are not in the file"),
+        (
+            {**version_2(), "items": [{"type": "ComplexItem", "complexItemType": "survey"}]},
+            "the items of the survey are not in the file",
+        ),
         (version_1(version=3), "file.version: version 3 is not known"),
         (version_1(version=True), "file.version: version True is not known"),
         ({**version_1(), "items": 7}, "file.items: a list is expected"),
-        ({"MAV_AUTOPILOT": 3}, "file: JSON that is not a mission"),
-        ({"fileType": "Parameters", "items": []}, "file: JSON that is not a mission"),
-        ({**version_1(), "items": [{"type": "missionItem"}]}, r"file.items\[0\].param1: is missing"),
+        ({"MAV_AUTOPILOT": 3}, "file: the JSON is not a mission"),
+        ({"fileType": "Parameters", "items": []}, "file: the JSON is not a mission"),
+        ({**version_1(), "items": [{"type": "missionItem"}]}, r"file\.items\[0\]\.param1: the key is missing"),
     ],
 )
 def test_what_cannot_be_read_is_one_error(document: dict[str, Any], what: str) -> None:
@@ -122,7 +125,7 @@ def test_rally_lines(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "what"),
     [
-        ("RALLY 1 2 3", "line 2: 4 columns beginning with 'RALLY'; a rally point is RALLY and 6 numbers"),
+        ("RALLY 1 2 3", "line 2: 4 columns beginning with 'RALLY'; a rally point consists of RALLY and 6 numbers"),
         ("PLACE 1 2 3 0 0 0", "line 2: 7 columns beginning with 'PLACE'"),
         ("RALLY 91 2 3 0 0 0", "line 2: latitude 91, longitude 2 is not a position"),
         ("RALLY 1 nan 3 0 0 0", "line 2: 'nan' is not a finite number"),
@@ -136,8 +139,8 @@ def test_a_bad_rally_line_is_named(line: str, what: str) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "surprise"),
     [
-        ("a.plan", wpl.write_mission(MISSION), ("the file is .waypoints, and no .plan file",)),
-        ("a.waypoints", PLAN, ("the file is JSON, and no .waypoints file",)),
+        ("a.plan", wpl.write_mission(MISSION), ("the file is .waypoints, not a .plan file",)),
+        ("a.waypoints", PLAN, ("the file is JSON, not a .waypoints file",)),
         ("a.txt", PLAN, ()),
         ("a.mission", wpl.write_mission(MISSION), ()),
         ("a", "\ufeff\n# mine\n" + wpl.write_mission(MISSION), None),
@@ -156,7 +159,7 @@ def test_a_list_of_places_is_a_fence(name: str, tmp_path: Path) -> None:
     file = read_file(tmp_path / name)
     assert file.fence == OLD_FENCE
     assert "read as an old fence file: the first position is the return point" in file.repairs
-    with pytest.raises(FormatError, match="holds no mission; ask for the list it holds"):
+    with pytest.raises(FormatError, match="the file contains no mission; request the list that it contains"):
         read_file(tmp_path / name, mission_type=MissionType.MISSION)
 
 
@@ -184,6 +187,6 @@ def test_fence_and_rally_files_without_a_home_row(tmp_path: Path) -> None:
         path.write_text(text)
         file = read_file(path)
         assert (file.fence or file.rally) == expected
-        assert file.repairs == ("the first row is not home: the file has none",)
+        assert file.repairs == ("the first row is not home, so the mission has no home",)
         assert wpl.read(text).home is None
     assert wpl.read(wpl.write_fence(FENCE, HOME)).items == wpl.read(wpl.write_fence(FENCE, None)).items

@@ -102,24 +102,24 @@ def changed(path: str, value: Any) -> str:
         ('{"fileType": NaN}', "a number that cannot be read"),
         ('{"fileType": ' + "9" * 5000 + "}", "a number that cannot be read"),
         ('{"fileType": "Parameters"}', "plan.fileType: not a plan"),
-        (changed("mission", ...), "plan.mission: is missing"),
+        (changed("mission", ...), r"plan\.mission: the key is missing"),
         (changed("mission.items", {}), "plan.mission.items: a list is expected"),
-        (changed("mission.plannedHomePosition", [1.0, 2.0]), "plannedHomePosition: 2 numbers, 3 are expected"),
+        (changed("mission.plannedHomePosition", [1.0, 2.0]), "plannedHomePosition: 2 numbers; 3 are expected"),
         (changed("mission.plannedHomePosition.1", "7"), r"plannedHomePosition\[1\]: '7' is not a number"),
-        (changed("mission.items.0.type", "ComplexItem"), r"items\[0\].complexItemType: is missing"),
+        (changed("mission.items.0.type", "ComplexItem"), r"items\[0\]\.complexItemType: the key is missing"),
         (changed("mission.items.0.type", "Item"), r"items\[0\].type: 'Item' is neither"),
         (changed("mission.items.0.command", 65536), r"items\[0\].command: command 65536 is not from 0 to 65535"),
         (changed("version", 2), "plan.version: version 2 is not known"),
         (changed("mission.version", 1), "plan.mission.version: version 1 is not known"),
         (changed("mission", []), "plan.mission: an object is expected"),
         (changed("mission.items.0.params", [0.0] * 6), r"items\[0\].params: 6 numbers"),
-        (changed("mission.items.0.params.4", None), "latitude, longitude and height must be given"),
+        (changed("mission.items.0.params.4", None), "latitude, longitude and height are required"),
         (changed("mission.items.0.params.1", True), "is not a number"),
         (changed("mission.items.0.command", 16.5), "not a whole number"),
         (changed("mission.items.0.frame", 1), r"items\[0\].frame: unknown frame 1"),
         (changed("mission.items.0.autoContinue", 1), "true or false"),
-        (changed("geoFence.polygons.0.polygon.0", [1.0]), "1 numbers, 2 are expected"),
-        (changed("rallyPoints.points", ...), "rallyPoints.points: is missing"),
+        (changed("geoFence.polygons.0.polygon.0", [1.0]), "1 numbers; 2 are expected"),
+        (changed("rallyPoints.points", ...), r"rallyPoints\.points: the key is missing"),
         (changed("mission.firmwareType", 10**400), "is not a number"),
     ],
 )
@@ -139,7 +139,8 @@ def test_what_may_be_missing() -> None:
     assert (back.fence, back.rally) == (plan.Fence(), plan.RallyPoints())
     assert back.mission == MISSION
     assert back.repairs == (
-        "removed a byte order mark", "plan.geoFence: is missing, there is none", "plan.rallyPoints: is missing, there is none",
+        "removed a byte order mark", "plan.geoFence: is missing; the plan is read without it",
+        "plan.rallyPoints: is missing; the plan is read without it",
     )  # fmt: skip
 
 
@@ -147,7 +148,9 @@ def test_a_home_without_height_is_kept_and_not_used() -> None:
     text = changed("mission.plannedHomePosition.2", None)
     found = plan.read(text)
     assert found.mission.home is None
-    assert found.repairs == ("plan.mission.plannedHomePosition: has no height, so the mission has no home",)
+    assert found.repairs == (
+        "plan.mission.plannedHomePosition: the position has no height, so the mission has no home",
+    )
     again = plan.write(found)
     assert json.loads(again)["mission"]["plannedHomePosition"] == json.loads(text)["mission"]["plannedHomePosition"]
     assert plan.read(again) == found
@@ -167,7 +170,7 @@ def test_a_home_without_height_is_kept_and_not_used() -> None:
 )
 def test_an_empty_part_of_the_old_version_is_none(part: str, old: dict[str, Any]) -> None:
     found = plan.read(changed(part, old))
-    assert found.repairs == (f"plan.{part}: is of the old version 1, and written as 2",)
+    assert found.repairs == (f"plan.{part}: this is the old version 1; it will be written as version 2",)
     assert (found.fence if part == "geoFence" else found.rally) in (plan.Fence(), plan.RallyPoints())
     assert plan.read(plan.write(found)).mission == found.mission
 
@@ -225,7 +228,7 @@ def test_four_parameters_and_a_coordinate_are_seven() -> None:
     assert found.mission == MISSION
     assert plan.read(plan.write(found)) == found
     entry["coordinate"].pop()
-    with pytest.raises(FormatError, match=r"items\[0\].params: 6 numbers, 7 are expected"):
+    with pytest.raises(FormatError, match=r"items\[0\]\.params: 6 numbers; 7 are expected"):
         plan.read(json.dumps(document))
 
 
@@ -237,7 +240,7 @@ def test_null_where_a_command_has_no_place_is_nothing_and_where_it_has_one_is_an
     item = found.mission.items[1]
     assert (item.lat_deg, item.lon_deg, item.alt_m, item.params[0]) == (0.0, 0.0, 0.0, 60.0)
     document["mission"]["items"][1]["command"] = 84
-    with pytest.raises(FormatError, match="latitude, longitude and height must be given"):
+    with pytest.raises(FormatError, match="latitude, longitude and height are required"):
         plan.read(json.dumps(document))
 
 
@@ -292,13 +295,13 @@ def _one_item(**changes):
     ("changes", "named"),
     [
         ({}, []),
-        ({"Altitude": 80.0}, ["Altitude is 80, params[6] 50; 50 m is flown"]),
-        ({"AltitudeMode": 2}, ["AltitudeMode 2 is AMSL, its frame ABOVE_HOME; the frame is flown"]),
-        ({"AltitudeMode": 4}, ["AltitudeMode 4 is ABOVE_TERRAIN, its frame ABOVE_HOME; the frame is flown"]),
+        ({"Altitude": 80.0}, ["Altitude is 80, but params[6] is 50; 50 m is used"]),
+        ({"AltitudeMode": 2}, ["AltitudeMode 2 is AMSL, but its frame is ABOVE_HOME; the frame is used"]),
+        ({"AltitudeMode": 4}, ["AltitudeMode 4 is ABOVE_TERRAIN, but its frame is ABOVE_HOME; the frame is used"]),
         ({"frame": 0, "AltitudeMode": 3, "AMSLAltAboveTerrain": 50.0, "Altitude": 20.0}, []),
         (
             {"frame": 0, "AltitudeMode": 3, "AMSLAltAboveTerrain": 570.0, "Altitude": 20.0},
-            ["AMSLAltAboveTerrain is 570, params[6] 50; 50 m is flown"],
+            ["AMSLAltAboveTerrain is 570, but params[6] is 50; 50 m is used"],
         ),
         ({"Altitude": None, "AltitudeMode": None}, []),
         ({"AltitudeMode": 0}, []),

@@ -125,7 +125,7 @@ def test_an_older_landing_pattern_has_a_height_frame_for_each_place() -> None:
               "loiterClockwise": True}  # fmt: skip
     items = plan.read(json.dumps(document(older))).mission.items
     assert (items[-2].params[1], items[-1].frame) == (75.0, Frame.ABOVE_HOME)
-    with pytest.raises(FormatError, match=r"items\[1\]: approach and landing have heights above different things"):
+    with pytest.raises(FormatError, match=r"items\[1\]: approach and landing have heights above different datums"):
         plan.read(json.dumps(document({**older, "landAltitudeRelative": False})))
 
 
@@ -189,7 +189,7 @@ def test_unknown_keys_within_a_fence_are_listed() -> None:
     before["geoFence"]["polygons"] = [polygon]
     del before["rallyPoints"]["version"]
     assert plan.read(json.dumps(before)).repairs == (
-        "plan.geoFence.polygons[0]: left out 'colour'", "plan.rallyPoints.version: is missing, read as 2",
+        "plan.geoFence.polygons[0]: ignored 'colour'", "plan.rallyPoints.version: the key is missing; read as version 2",
     )  # fmt: skip
 
 

@@ -98,7 +98,7 @@ def test_curves_are_told() -> None:
         (".gpx", "gpx", "gpy", "gpy"),
         (".gpx", "</rte>", "</rte><rte/>", "2 routes"),
         (".gpx", '<?xml version="1.0"?>', '<!DOCTYPE a [<!ENTITY b "c">]>', "document type"),
-        (".gpx", "</gpx>", "", "no XML"),
+        (".gpx", "</gpx>", "", "not XML"),
         (".gpx", "1040.0", "1e9", "1e+09"),
         (".kml", "absolute", "clampToGround", "0 of them with heights"),
         (".kml", ",1040.0", "", "heights"),

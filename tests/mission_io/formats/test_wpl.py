@@ -75,7 +75,7 @@ def test_any_heading_is_written_as_zero_and_every_other_nan_is_an_error() -> Non
         ),
         (
             STRICT.replace("0\t1\t0\t16\t0", "0\t1\t0\t16\t5"),
-            "line 2: the first row is home, its parameters are not kept",
+            "line 2: the first row is home; its parameters are not kept",
         ),
     ],
 )
@@ -97,9 +97,9 @@ def test_version_120_has_no_home_row() -> None:
     ("text", "what"),
     [
         ("", "line 1: no header"),
-        ("QGC WPL 100\n", "line 1: 'QGC WPL 100' is not the header"),
-        ("hello", "'hello' is not the header"),
-        (STRICT + "3\t0\t3\t16\n", "line 5: 4 columns, a row has 12"),
+        ("QGC WPL 100\n", "line 1: 'QGC WPL 100' is not a supported header"),
+        ("hello", "'hello' is not a supported header"),
+        (STRICT + "3\t0\t3\t16\n", "line 5: 4 columns; a row has 12"),
         (STRICT.replace("\t12.5\t", "\tfast\t"), "line 4, param2: 'fast' is not a finite number"),
         (STRICT.replace("\t12.5\t", "\tinf\t"), "line 4, param2"),
         (STRICT.replace("\t12.5\t", "\t1e999\t"), "line 4, param2"),
@@ -187,7 +187,7 @@ def test_nan_in_a_parameter_without_a_use_is_written_as_zero_and_listed() -> Non
 def test_nan_in_a_parameter_is_read_as_programs_write_it(nan: str) -> None:
     read = wpl.read(STRICT.replace("\t30\t", "\t30\t").replace("22\t0\t0\t0\t0\t", f"22\t0\t0\t0\t{nan}\t"))
     assert math.isnan(read.items[0].params[3])
-    assert read.repairs == (f"line 3: param4 {nan!r} is not a number, left to the vehicle",)
+    assert read.repairs == (f"line 3: param4 {nan!r} is not a number; the value is left to the vehicle",)
     assert wpl.read(wpl.write_mission(read.mission())).items[0].params == (0.0, 0.0, 0.0, 0.0)
 
 
@@ -236,6 +236,6 @@ def test_a_first_row_that_is_an_item_is_kept(command, frame):
     # The jump went to row 1, which is item 2 now.
     assert read.items[2].params[0] == 2.0
     assert (
-        f"the first row is command {command} and not home: it is kept as item 1, and the file has no home"
+        f"the first row is command {command} and not home: it is kept as item 1, and the mission has no home"
         in read.repairs
     )

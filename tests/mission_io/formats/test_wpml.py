@@ -89,11 +89,11 @@ def with_first(flight: CameraFlight, **changes: Any) -> CameraFlight:
 @pytest.mark.parametrize(
     ("changes", "return_height_m", "match"),
     [
-        ({"height_above_home_m": 1.0}, 80.0, "point 1: the climb ends 1 m above home, WPML takes 1.2 to 1500"),
+        ({"height_above_home_m": 1.0}, 80.0, r"point 1: the climb ends 1 m above home; WPML accepts 1\.2 to 1500"),
         ({"height_above_home_m": 1501.0}, 80.0, "point 1: the climb ends 1501 m"),
-        ({"speed_m_s": 15.5}, 80.0, "point 1: 15.5 m/s, the DJI Mavic 3E flies 15 at most"),
+        ({"speed_m_s": 15.5}, 80.0, r"point 1: 15\.5 m/s; the DJI Mavic 3E flies at most"),
         ({"speed_m_s": 0.0}, 80.0, "point 1: 0 m/s"),
-        ({"pitch_deg": -95.0}, 80.0, "point 1: the camera looks -95 degrees"),
+        ({"pitch_deg": -95.0}, 80.0, "point 1: the camera pitch is -95 degrees"),
         ({}, 1600.0, "return height: 1600 m above home"),
         ({}, 0.0, "return height"),
     ],

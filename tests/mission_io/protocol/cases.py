@@ -51,7 +51,7 @@ UPLOAD = (
     Script("the other station's upload ends while waiting", "ack DENIED, ack OPERATION_CANCELLED", "BACKING_OFF"),
     # Serving.
     Script("items in order, each once", "req 0, req 1", "SERVING", "item 2"),
-    Script("an item that is asked for again is sent again", "req 0, wait 0.01, req 0", "SERVING", "item 0, item 1"),
+    Script("an item that is requested again is sent again", "req 0, wait 0.01, req 0", "SERVING", "item 0, item 1"),
     Script("a vehicle that starts over", "req 0, req 1, req 0", "SERVING", "item 0, item 1"),
     Script("the last item but one", "req 0, req 1, req 2", "SERVING", "item 3"),
     Script("the last item", "req 0, req 1, req 2, req 3", "CONFIRMING", "item 4"),
@@ -129,7 +129,7 @@ UPLOAD = (
     Script("acknowledged", "req 0, req 1, req 2, req 3, req 4, ack ACCEPTED", "ACCEPTED"),
     Script("acknowledged, and the last request was lost", "req 3, ack ACCEPTED", "ACCEPTED"),
     Script("the last item goes out again", "req 4, wait 0.1", "CONFIRMING", "item 4"),
-    Script("the last item is asked for again", "req 4, wait 0.01, req 4", "CONFIRMING", "item 4"),
+    Script("the last item is requested again", "req 4, wait 0.01, req 4", "CONFIRMING", "item 4"),
     Script("a late request of an earlier item", "req 4, req 1", "CONFIRMING", "item 1, item 2"),
     Script("after which silence does not forget the last", "req 4, req 1, wait 0.1", "CONFIRMING",
            "item 1, item 2, item 3, item 4"),
@@ -192,7 +192,7 @@ UPLOAD = (
 
 DOWNLOAD = (
     Script("the list is asked for at once", "", "LISTING", "list"),
-    Script("an unanswered list is asked for again", "wait 0.1", "LISTING", "list"),
+    Script("an unanswered list is requested again", "wait 0.1", "LISTING", "list"),
     Script("a vehicle that never answers is silent", "wait 16", "SILENT", "list *"),
     Script("the count starts it", "count 2", "FETCHING", "req 0"),
     Script("items one by one", "count 2, item 0", "FETCHING", "req 1"),
@@ -256,7 +256,7 @@ DOWNLOAD_IN_ANY_ORDER = (
     Script("an item may come before the one before it", "count 5, item 1", "FETCHING"),
     Script("and then both are there", "count 5, item 1, item 0", "FETCHING", "req 2, req 3"),
     Script("one that was not asked for is dropped", "count 5, item 3", "FETCHING"),
-    Script("silence: only what is missing is asked for again", "count 5, item 1, wait 0.02", "FETCHING", "req 0"),
+    Script("silence: only what is missing is requested again", "count 5, item 1, wait 0.02", "FETCHING", "req 0"),
     Script("silence for two", "count 5, wait 0.02", "FETCHING", "req 0, req 1"),
     Script("after a silence one at a time", "count 9, wait 0.02, item 0, item 1", "FETCHING", "req 2"),
     Script("the end out of order", "count 2, item 1, item 0", "DONE", "ack ACCEPTED"),
@@ -264,7 +264,7 @@ DOWNLOAD_IN_ANY_ORDER = (
 
 CLEAR = (
     Script("it is asked for at once", "", "ASKED", "clear"),
-    Script("it is asked for again", "wait 0.1", "ASKED", "clear"),
+    Script("it is requested again", "wait 0.1", "ASKED", "clear"),
     Script("a vehicle that never answers is silent", "wait 16", "SILENT", "clear *"),
     Script("done", "ack ACCEPTED", "CLEARED"),
     Script("refused", "ack UNSUPPORTED", "REFUSED"),

@@ -56,4 +56,4 @@ def test_a_lost_request_begins_anew_at_once_and_nothing_is_asked_early_again(los
     assert download(peer, 0.001) < 0.5
     assert len(requests(peer, MissionRequestList)) == 1 + (
         lost == 40
-    )  # nothing follows the last one, and it is asked for again
+    )  # nothing follows the last one, and it is requested again

@@ -324,7 +324,7 @@ def test_vehicle_interleaved_uploads(autopilot: Autopilot) -> None:
 
 
 def test_client_out_of_sequence_item() -> None:
-    """Of a download: dropped, and asked for again."""
+    """Of a download: dropped, and requested again."""
     peer = losing(VehiclePeer(PX4), first_of(MissionItemInt))
     peer.server.set_items(MissionType.MISSION, items(9))
     assert connected(peer).download(MissionType.MISSION) == items(9)

@@ -157,7 +157,7 @@ def _changed(a: FtpMessage, **fields: object) -> FtpMessage:
         (FtpOperation.OPEN_FILE_RO, lambda _, a: [_changed(a[0], data=b"\xff" * 4)], "announces 4294967295 bytes"),
         (FtpOperation.OPEN_FILE_RO, lambda _, a: [_changed(a[0], data=b"\1")], "an answer of 1 bytes instead of 4"),
         (FtpOperation.OPEN_FILE_RO, lambda _, a: [_changed(a[0], operation=129, data=b"\2\x0d")], r"errno 13"),
-        (FtpOperation.CALC_FILE_CRC32, lambda _, a: [_changed(a[0], data=b"1234")], r"another CRC .* after 2 tries"),
+        (FtpOperation.CALC_FILE_CRC32, lambda _, a: [_changed(a[0], data=b"1234")], r"a different CRC .* after 2 tries"),
         (FtpOperation.CALC_FILE_CRC32, lambda _, a: [_changed(a[0], data=b"")], "CALC_FILE_CRC32: an answer of 0 bytes"),
         (FtpOperation.CALC_FILE_CRC32, lambda _, a: [_changed(a[0], operation=129, data=b"\7")], "UNKNOWN_COMMAND"),
         (FtpOperation.BURST_READ_FILE, lambda _, a: [_changed(b, session=9) for b in a], "nothing new for 5 s"),
@@ -310,13 +310,16 @@ def test_an_item_of_the_file_is_the_payload_of_its_message() -> None:
 @pytest.mark.parametrize(
     ("spoil", "telling"),
     [
-        (lambda file: file[:9], "9 bytes are no list"),
+        (lambda file: file[:9], "9 bytes are too few for an ArduPilot list"),
         (lambda file: b"\0" + file[1:], "begins with 0x7600 instead of 0x763d"),
         (lambda file: file[:2] + b"\1" + file[3:], "list of type 1, not 0"),
         (lambda file: file[:6] + b"\3" + file[7:], "begins at item 3"),
-        (lambda file: file[:8] + b"\xff" + file[9:], "says 255 items, 9690 bytes; 114 follow"),
-        (lambda file: file[:-1], "says 3 items, 114 bytes; 113 follow"),
-        (lambda file: file + b"\0", "says 3 items, 114 bytes; 115 follow"),
+        (
+            lambda file: file[:8] + b"\xff" + file[9:],
+            r"the header announces 255 items \(9690 bytes\), but 114 bytes follow",
+        ),
+        (lambda file: file[:-1], r"the header announces 3 items \(114 bytes\), but 113 bytes follow"),
+        (lambda file: file + b"\0", r"the header announces 3 items \(114 bytes\), but 115 bytes follow"),
         (lambda file: file[:44] + b"\xc8" + file[45:], "item 0"),
     ],
 )

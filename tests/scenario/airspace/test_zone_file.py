@@ -147,7 +147,7 @@ def test_zones_far_away_are_left_out_and_told(tmp_path):
     text = geojson(feature(name="a"), feature({"type": "Polygon", "coordinates": [far]}, name="b"))
     (a,), notes = zones_of(tmp_path, "z.geojson", text)
     assert a.name == "a"
-    assert notes == ("z.geojson: 1 of 2 zones left out, more than 20 km away",)
+    assert notes == ("z.geojson: 1 of 2 zones ignored because they are more than 20 km away",)
     assert len(zones_of(tmp_path, "z.geojson", text, near=None)[0]) == 2
 
 
@@ -170,7 +170,7 @@ def test_a_zone_across_180_is_one(tmp_path):
 
 BOW_TIE = [[8.0, 46.5], [8.02, 46.52], [8.02, 46.5], [8.0, 46.52], [8.0, 46.5]]
 BAD = {
-    "no such file": (None, "", "no such file; give one of"),
+    "no such file": (None, "", "no such file; use one of"),
     "another format": ("z.csv", "a", ".csv is not a format of zones"),
     "empty": ("z.txt", "", "the file is empty"),
     "a text of somebody": ("z.txt", "Dear Sir", "is not OpenAir"),
@@ -184,17 +184,17 @@ BAD = {
         "z.txt", "AC R\nAN bow\n" + "".join(f"DP {lat:.2f} N {lon:.2f} E\n" for lon, lat in BOW_TIE),
         "zone 1 (bow): the outline crosses itself",
     ),
-    "a height in words": ("z.geojson", geojson(feature(floor_agl_m="high")), 'floor_agl_m is not a number of metres, but "high"'),
+    "a height in words": ("z.geojson", geojson(feature(floor_agl_m="high")), 'must be a number of metres, not "high"'),
     "upside down": ("z.geojson", geojson(feature(floor_agl_m=90, ceiling_agl_m=30)), "ceiling_agl_m: 30.0 must be above"),
     "lines": ("z.geojson", geojson(feature({"type": "LineString", "coordinates": RING})), "has no polygon (it has 1 LineString)"),
     "no zone": ("z.geojson", geojson(), "has no polygon"),
     "ED-269 in leagues": ("z.json", json.dumps({"features": [ed269(volume(uomDimensions="LG"))]}), "'LG' is not a unit of"),
     "ED-269 above the ellipsoid": (
         "z.json", json.dumps({"features": [ed269(volume(lowerLimit=5, lowerVerticalReference="WGS84"))]}),
-        "'WGS84' is not a reference of heights that is known",
+        "'WGS84' is not a known reference of height",
     ),
     "ED-269 without a shape": (
-        "z.json", json.dumps({"features": [{"name": "a", "geometry": [{"uomDimensions": "M"}]}]}), "Projection: is missing",
+        "z.json", json.dumps({"features": [{"name": "a", "geometry": [{"uomDimensions": "M"}]}]}), "Projection: the key is",
     ),
     "ED-269 of an ellipse": ("z.json", json.dumps({"features": [ed269(volume({"type": "Ellipse"}))]}), "is "
     "not a supported shape"),
@@ -224,7 +224,7 @@ def test_bad_files_are_one_line(tmp_path, case):
 
 
 def test_a_name_to_ignore_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match="has no zone 'X', which ignore names"):
+    with pytest.raises(InputError, match="ignore names the zone 'X', which is not in the file; write its name"):
         zones_of(tmp_path, "z.geojson", geojson(feature(name="a")), ignore=("X",))
 
 
@@ -233,7 +233,7 @@ def test_a_broken_zone_far_away_is_nobodys_concern(tmp_path):
     text = geojson(feature(name="a"), feature({"type": "Polygon", "coordinates": [far]}, name="b"))
     (a,), notes = zones_of(tmp_path, "z.geojson", text)
     assert a.name == "a"
-    assert "1 of 2 zones left out" in notes[0]
+    assert "1 of 2 zones ignored because they are more than 20 km away" in notes[0]
 
 
 def test_a_file_of_another_place_asks(tmp_path):
@@ -250,7 +250,7 @@ def test_zones_can_be_mended(tmp_path):
     (zone,), notes = zones_of(tmp_path, "z.geojson", text, make_valid=True)
     assert len(zone.parts) == 2
     assert zone.make_valid is False
-    assert re.search(r"zone 1 \(bow\): repaired with make_valid, .* ha as written, 170.6 ha now", notes[0])
+    assert re.search(r"zone 1 \(bow\): repaired with make_valid \(.* ha before, 170.6 ha after\)", notes[0])
 
 
 def test_a_mended_zone_keeps_its_holes_and_nothing_else_open(tmp_path):

@@ -189,7 +189,7 @@ def test_swapped_axes_and_a_system_that_is_told(tmp_path):
 
 def test_an_area_in_place_of_a_scenario_is_told_the_way(tmp_path):
     with pytest.raises(
-        ScenarioError, match=r"a\.kml: is an area, not a scenario; uavcover new .*a\.kml makes a scenario of it"
+        ScenarioError, match=r"this is an area, not a scenario; create a scenario with: uavcover new .*"
     ):
         load_scenario(tmp_path / "a.kml")
 

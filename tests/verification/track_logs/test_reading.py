@@ -131,7 +131,7 @@ def test_telemetry_of_two_vehicles_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "two.tlog"
     write_tlog(path, systems=(1, 7))
     with pytest.raises(
-        TrackError, match=r"two\.tlog: has positions of 2 vehicles \(systems 1, 7\); choose one with --system"
+        TrackError, match=r"two\.tlog: the log has positions of 2 vehicles \(systems 1, 7\); choose one with --system"
     ):
         read(path)
 
@@ -242,7 +242,7 @@ def test_one_vehicle_of_several_is_chosen(tmp_path: Path, system: int) -> None:
     path = tmp_path / "two.tlog"
     write_tlog(path, systems=(1, 7))
     assert len(read_foreign_log(path, FRAME, system=system).track) == COUNT
-    with pytest.raises(TrackError, match="has no vehicle 3; --system is one of 1, 7"):
+    with pytest.raises(TrackError, match="has no vehicle 3; set --system to one of 1, 7"):
         read_foreign_log(path, FRAME, system=3)
 
 
@@ -256,7 +256,7 @@ def test_what_is_no_vehicle_is_none_of_several(tmp_path: Path, kind: int, autopi
     write_tlog(path, stations=((255, kind, autopilot),))
     track = read(path).track
     np.testing.assert_allclose(track.geodetic[:, :2], flight()[0][:, 1:3], atol=0.51e-7)
-    with pytest.raises(TrackError, match="has no vehicle 255; --system is one of 1"):
+    with pytest.raises(TrackError, match="has no vehicle 255; set --system to one of 1"):
         read_foreign_log(path, FRAME, system=255)
 
 

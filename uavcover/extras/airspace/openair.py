@@ -75,12 +75,14 @@ def read_openair(text: str) -> ReadZones:
             continue
         if zone.circle is None and len({*zone.corners}) < 3:
             raise FormatError(
-                f"{len({*zone.corners})} different corners, a zone needs 3",
+                f"{len({*zone.corners})} different corners; a zone needs at least 3",
                 where=zone.where,
                 advice="remove it, or draw it again",
             )
         if zone.circle is not None and zone.corners:
-            raise FormatError("has both a circle (DC) and corners", where=zone.where, advice="make two zones of it")
+            raise FormatError(
+                "the zone has both a circle (DC) and corners", where=zone.where, advice="divide it into two zones"
+            )
         found.append(
             ReadZone(
                 zone.name or f"zone of line {zone.line}", frozenset({zone.name}) - {""}, zone.heights,
@@ -88,7 +90,7 @@ def read_openair(text: str) -> ReadZones:
                 active=() if zone.always else tuple(zone.periods),
             )
         )  # fmt: skip
-    notes = tuple(f"{n} of class {kind} left out: open to all" for kind, n in sorted(left_out.items()))
+    notes = tuple(f"{n} of class {kind} ignored: open to all" for kind, n in sorted(left_out.items()))
     return ReadZones(tuple(found), notes)
 
 
@@ -105,7 +107,7 @@ def _zones(text: str) -> Iterator[_Zone]:
             continue
         match = _RECORD.fullmatch(line)
         if match is None:
-            raise FormatError(f"{line[:40]!r} is not a record of OpenAir", where=f"line {number}", advice="remove it")
+            raise FormatError(f"{line[:40]!r} is not an OpenAir record", where=f"line {number}", advice="remove it")
         command, rest = match[1], match[2].strip()
         if command == "AC":
             if zone is not None:
@@ -114,7 +116,7 @@ def _zones(text: str) -> Iterator[_Zone]:
         elif zone is None:
             if command not in _NOT_GEOMETRY and command != "V":
                 raise FormatError(
-                    f"{command} comes before the first AC", where=f"line {number}", advice="begin every zone with AC"
+                    f"{command} precedes the first AC", where=f"line {number}", advice="begin every zone with AC"
                 )
         else:
             _take(zone, command, rest, f"line {number}, zone {shown(zone.name) or '(no name)'}")
@@ -146,9 +148,11 @@ def _take(zone: _Zone, command: str, rest: str, where: str) -> None:
     elif command == "DB":
         zone.corners += _arc_between(zone, rest, where)
     elif command not in _NOT_GEOMETRY:
-        raise FormatError(f"{command[:20]} is not read", where=where, advice="draw the zone with DP, DA, DB or DC")
+        raise FormatError(f"{command[:20]} is not supported", where=where, advice="draw the zone with DP, DA, DB or DC")
     if len(zone.corners) > _MOST_CORNERS:
-        raise FormatError(f"more than {_MOST_CORNERS:,} corners", where=where, advice="draw it with fewer")
+        raise FormatError(
+            f"the zone has more than {_MOST_CORNERS:,} corners", where=where, advice="draw it with fewer corners"
+        )
 
 
 def _height(end: str, text: str, where: str) -> dict[str, float]:
@@ -175,7 +179,7 @@ def _assign(zone: _Zone, text: str, where: str) -> None:
     elif key.upper() == "D" and value in ("+", "-"):
         zone.clockwise = value == "+"
     elif key.upper() not in ("W", "Z", "T"):
-        raise FormatError(f"V {text[:20]!r} is not read", where=where, advice="give V X=position or V D=+ or V D=-")
+        raise FormatError(f"V {text[:20]!r} is not supported", where=where, advice="use V X=position or V D=+ or V D=-")
 
 
 def _place(text: str, where: str) -> tuple[float, float]:
@@ -198,7 +202,7 @@ def _angle(parts: tuple[str | None, ...], most: float, where: str) -> float:
 
 def _center(zone: _Zone, where: str) -> tuple[float, float]:
     if zone.center is None:
-        raise FormatError("an arc or a circle without a centre", where=where, advice="give V X=position before it")
+        raise FormatError("the arc or circle has no centre", where=where, advice="add V X=position before it")
     return zone.center
 
 

@@ -70,7 +70,7 @@ def _serve(
         from uavcover.extras.app.guard import Guard
         from uavcover.extras.app.server import Server
     except ModuleNotFoundError as error:
-        raise InputError(f"serve: needs {error.name}; install it with: pip install 'uavcover[app]'") from error
+        raise InputError(f"serve: this needs {error.name}; install it with: pip install 'uavcover[app]'") from error
     from uavcover.extras.app.workspace import Workspace
 
     assert isinstance(workspace, Workspace)
@@ -78,7 +78,7 @@ def _serve(
         listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
         raise InputError(
-            f"--port {port}: {error.strerror or error}; give another one, or 0 for any free one"
+            f"--port {port}: {error.strerror or error}; use another port, or 0 for any free port"
         ) from error
     with listening:
         port = listening.getsockname()[1]
@@ -90,10 +90,12 @@ def _serve(
         address = f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else shown}:{port}/?token={token}"
         console.say(f"{workspace.root}: {address}")
         if host not in _LOOPBACK:
-            console.warn(f"--host {host}: other machines can reach the page, unencrypted; only the token protects it")
+            console.warn(
+                f"--host {host}: other computers can reach the page without encryption; only the token protects it"
+            )
         if flights_allowed:
             console.warn("--allow-flight: the page can arm real vehicles")
-        console.say("Ctrl-C ends the server; plans and flights that it started go on")
+        console.say("Ctrl-C ends the server; plans and flights that it started continue")
         console.result({"url": address, "port": port, "folder": str(workspace.root)})
         if browser:
             webbrowser.open(address)

@@ -26,7 +26,7 @@ def command_of(kind: str, asked: Mapping[str, Any], workspace: Workspace, *, fli
         InputError: there is no such button, or a value of it is wrong.
     """
     if kind not in _BUILDERS:
-        raise InputError(f"{kind!r}: no such command of the page")
+        raise InputError(f"{kind!r}: the page has no such command")
     if kind == "fly":
         return _fly(asked, workspace, flights_allowed=flights_allowed)
     return _BUILDERS[kind](asked, workspace)
@@ -112,7 +112,7 @@ def _links(asked: Mapping[str, Any]) -> list[str]:
         addresses *= count
     if len(addresses) != count:
         raise InputError(
-            f"to: give {count} addresses with spaces between them, one for each vehicle, not {len(addresses)}"
+            f"to: specify {count} addresses, separated by spaces (one for each vehicle), not {len(addresses)}"
         )
     return [word for address in addresses for word in ("--to", _match({"to": address}, "to", _ADDRESS))]
 
@@ -123,10 +123,10 @@ def _check(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     folder = workspace.path(f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}" if asked.get("sortie") else run)
     mission = folder / "mission.plan"
     if not mission.is_file():
-        raise InputError(f"{folder.name}: has no mission.plan; choose one of its flights, or plan again")
+        raise InputError(f"{folder.name}: the run folder has no mission.plan; choose one of its flights, or plan again")
     scenario = load_scenario(str(folder / "scenario.toml"))
     if not isinstance(scenario.terrain, RasterTerrain):
-        raise InputError(f"{folder.name}: is not on elevation data, which check needs")
+        raise InputError(f"{folder.name}: the scenario has no elevation data, which check requires")
     ground, surface = terrain_source(scenario.terrain), surface_source(scenario.terrain)
     words = ["check", workspace.name(mission), "--vertical-datum", scenario.terrain.vertical_datum]
     words += ["--trust-dem"] if scenario.terrain.trust_heights else []
@@ -143,7 +143,7 @@ def _photos(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     out = workspace.free_run(f"{workspace.path(run).name}-photos")
     photos = workspace.path(str(asked.get("photos") or f"{run}/{PHOTOS}"))
     if not photos.is_dir():
-        raise InputError(f"photos: {photos.name} is no folder in {workspace.root.name}; drop photos on the page")
+        raise InputError(f"photos: {photos.name} is not a folder in {workspace.root.name}; drop photos on the page")
     return run, ["judge-photos", workspace.name(photos), "--scenario", run, "-o", out.name]
 
 
@@ -165,7 +165,7 @@ _BUILDERS: dict[str, Callable[[Mapping[str, Any], Workspace], Words]] = {
 def _run(asked: Mapping[str, Any], workspace: Workspace) -> str:
     path = workspace.path(_text(asked, "run"))
     if not (path / "plan.json").is_file():
-        raise InputError(f"{path.name}: is no run folder with a plan; plan first")
+        raise InputError(f"{path.name}: this is not a run folder with a plan; plan first")
     return workspace.name(path)
 
 
@@ -176,7 +176,7 @@ def _sortie(asked: Mapping[str, Any]) -> list[str]:
 def _text(asked: Mapping[str, Any], key: str) -> str:
     value = asked.get(key)
     if not isinstance(value, str) or not value:
-        raise InputError(f"{key}: is missing")
+        raise InputError(f"{key}: the value is missing")
     return value
 
 
@@ -184,5 +184,5 @@ def _match(asked: Mapping[str, Any], key: str, pattern: re.Pattern[str], *, defa
     """A value as text; it never begins with a dash, so that it is no option."""
     value = str(asked.get(key) or default)
     if pattern.fullmatch(value) is None or value.startswith("-"):
-        raise InputError(f"{key}: {value[:40]!r} is not a value for it")
+        raise InputError(f"{key}: {value[:40]!r} is not a valid value")
     return value

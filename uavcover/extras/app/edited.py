@@ -40,17 +40,19 @@ def edit(
     from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
     from uavcover.run.planned import read_planned
     from uavcover.run.user import to_paste
-    from uavcover.scenario.vehicle_parts import groups_of
+    from uavcover.scenario.vehicle_areas import groups_of
 
     console = output.console()
     began_s = time.monotonic()
     site, planned = read_planned(RunFolder(run))
     if groups_of(site.scenario):
-        raise InputError(f"{run}: its vehicles have parts of the area each; edit the plan of one vehicle")
+        raise InputError(
+            f"{run}: each vehicle has its own part of the area, and such a plan cannot be edited; plan with one vehicle"
+        )
     try:
         given: Any = json.loads(waypoints.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{waypoints}: cannot be read as JSON ({error}); give a list of waypoints") from error
+        raise InputError(f"{waypoints}: the file cannot be read as JSON ({error}); use a list of waypoints") from error
     route = Route(Scene(site, run).enu(given))
     member = judge_route(site, route, "edited", margin_m=0.0)
     if member.violation > 0.0:
@@ -72,8 +74,8 @@ def edit(
         )  # fmt: skip
     metrics = member.metrics
     console.say(
-        f"edited: {100.0 * metrics.coverage_of_coverable:.2f} % of the visible ground, {metrics.waypoint_count} waypoints, "
-        f"{metrics.path_length_m:.0f} m; the plan before has {len(planned.route)} waypoints"
+        f"edited: {100.0 * metrics.coverage_of_coverable:.2f} % of the visible ground, {metrics.waypoint_count} "
+        f"waypoints, {metrics.path_length_m:.0f} m; the previous plan has {len(planned.route)} waypoints"
     )
     console.suggest(to_paste("plan-upload", out, "--to", "udp:127.0.0.1:14550"))
     console.result(

@@ -86,15 +86,15 @@ class Guard:
     def _refusal(self, scope: Scope, headers: dict[str, str], *, by_query: bool) -> str | None:
         host = headers.get("host", "")
         if host not in self._hosts:
-            return "this host name is not the server's own"
+            return "this host name does not belong to the server"
         origin = headers.get("origin")
         changes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
-            return "another origin asked"
+            return "the request has a different origin"
         if changes and origin is None:
             return "the Origin header is missing"
         if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
-            return "another site asked"
+            return "the request comes from a different site"
         if not by_query and not self._is_token(self._of_cookie(headers.get("cookie", ""))):
             return "the token is missing or wrong; open the address that uavcover serve printed"
         return None

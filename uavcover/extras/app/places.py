@@ -35,10 +35,10 @@ def place_of(text: str) -> tuple[float, float]:
             lat, lon = found
             if not (math.isfinite(lat) and math.isfinite(lon) and abs(lat) <= 90.0 and abs(lon) <= 180.0):
                 raise InputError(
-                    f"{words[:60]!r}: is outside of the earth; latitude is -90 to 90, longitude -180 to 180"
+                    f"{words[:60]!r} is not a position on Earth; latitude is between -90 and 90, longitude between -180 and 180"
                 )
             return lat, lon
-    raise InputError(f"{words[:60]!r}: is not a position; type {FORMS}")
+    raise InputError(f"{words[:60]!r} is not a position; enter {FORMS}")
 
 
 def _decimal(text: str) -> tuple[float, float] | None:

@@ -109,7 +109,7 @@ class Scene:
         except (TypeError, ValueError):
             given = np.empty((0, 3))
         if not len(given) or not np.isfinite(given).all():
-            raise InputError("waypoints: give at least one, each as [longitude, latitude, height above ground in m]")
+            raise InputError("waypoints: specify at least one, each as [longitude, latitude, height above ground in m]")
         east_north = self.east_north(given[:, :2])
         enu = np.column_stack([east_north, self.site.ground.ups_m(east_north, given[:, 2])])
         if self.site.frame is not None:  # the verticals of a frame lean apart: where a place is depends on its height
@@ -169,7 +169,7 @@ def _read(path: Path) -> Scene:
     if not path.is_dir():
         return Scene(load_site(str(path)), path)
     if not run.file("plan.json").is_file():
-        raise InputError(f"{path.name}: no plan.json in it; it is made by: uavcover plan")
+        raise InputError(f"{path.name}: the folder has no plan.json; create it with: uavcover plan")
     try:
         content = read_run(run, logs=())
     except UavcoverError:

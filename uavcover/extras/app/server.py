@@ -150,7 +150,7 @@ class Server:
         signals = {"stop": [signal.SIGINT], "leave": [signal.SIGINT] * 2, "pause": [signal.SIGUSR1]}
         action = _named(asked, "action")
         if action not in signals:
-            raise InputError(f"{action}: is neither stop, leave nor pause")
+            raise InputError(f"{action} is not stop, leave or pause")
         job, sent = self.jobs.get(_named(asked, "id")), False
         for number, one in enumerate(signals[action]):
             time.sleep(_BETWEEN_SIGNALS_S if number else 0.0)
@@ -327,7 +327,7 @@ def _json(handler: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Requ
             except (ValueError, RecursionError):
                 body = None
             if not isinstance(body, dict):
-                return refusal(400, "the request is no JSON object")
+                return refusal(400, "the request is not a JSON object")
             asked |= body
         asked |= request.path_params
         return JSONResponse(await to_thread.run_sync(handler, asked))
@@ -343,7 +343,7 @@ def _place(asked: dict[str, Any]) -> dict[str, Any]:
 def _named(asked: dict[str, Any], key: str) -> str:
     value = asked.get(key)
     if not isinstance(value, str) or not value:
-        raise InputError(f"{key}: is missing")
+        raise InputError(f"{key}: the value is missing")
     return value
 
 
@@ -352,7 +352,7 @@ async def _failed(request: Request, error: Exception) -> Response:
     del request
     assert isinstance(error, OSError)
     where = Path(str(error.filename or "a file")).name
-    return refusal(507, f"{where}: {error.strerror or error}; free the disk, or open another scenario or run")
+    return refusal(507, f"{where}: {error.strerror or error}; free some disk space, or open another scenario or run")
 
 
 async def _refused(request: Request, error: Exception) -> Response:

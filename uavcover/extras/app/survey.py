@@ -100,7 +100,7 @@ def written(workspace: Workspace, form: dict[str, Any]) -> dict[str, Any]:
     """
     stem = str(form.get("name") or "survey").strip()
     if _STEM.fullmatch(stem) is None:
-        raise InputError("name: use letters, digits, spaces, dots, dashes, 60 at most")
+        raise InputError("name: use at most 60 letters, digits, spaces, dots and dashes")
     user = Messages()
     with _drawn(workspace, form, stem=stem) as request:
         scenarios = new_scenarios(request, user, folder=workspace.root)
@@ -170,12 +170,12 @@ def polygons_of(geometry: object, what: str) -> dict[str, Any]:
     except Exception as error:
         raise InputError(f"{what}: draw it, or load a file") from error
     if shape.geom_type not in ("Polygon", "MultiPolygon") or shape.is_empty:
-        raise InputError(f"{what}: is no polygon; draw it, or load a file")
+        raise InputError(f"{what}: this is not a polygon; draw it, or load a file")
     if (
         not np.isfinite(shapely.get_coordinates(shape)).all()
         or np.abs(shapely.get_coordinates(shape)[:, 1]).max() > 90.0
     ):
-        raise InputError(f"{what}: has corners that are no longitude and latitude")
+        raise InputError(f"{what}: some corners are not pairs of longitude and latitude")
     if not shape.is_valid:
         raise InputError(f"{what}: its outline crosses itself; move a corner")
     return dict(shapely.geometry.mapping(shape))
@@ -186,7 +186,7 @@ def _fence(geometry: object) -> Ring | None:
         return None
     shape = shapely.geometry.shape(polygons_of(geometry, "fence"))
     if not isinstance(shape, shapely.Polygon) or shape.interiors:
-        raise InputError("fence: must be one outline without holes; draw no-fly zones inside it")
+        raise InputError("fence: the fence must be one outline without holes; draw no-fly zones inside it")
     return tuple((float(lon), float(lat)) for lon, lat in shapely.get_coordinates(shape)[:-1])
 
 
@@ -198,13 +198,13 @@ def _rally(given: object) -> Ring | None:
     except (TypeError, ValueError):
         places = np.array([[np.nan, np.nan]])
     if not np.isfinite(places).all() or (np.abs(places) > (180.0, 90.0)).any():
-        raise InputError("rally: give each rally point as [longitude, latitude] in degrees")
+        raise InputError("rally: specify each rally point as [longitude, latitude] in degrees")
     return tuple((float(lon), float(lat)) for lon, lat in places)
 
 
 def _zone(zone: object, number: int) -> dict[str, Any]:
     if not isinstance(zone, dict):
-        raise InputError(f"zone {number}: is no zone")
+        raise InputError(f"zone {number}: this is not a zone")
     name = str(zone.get("name") or f"zone {number}")
     heights = {}
     for key in _HEIGHTS:

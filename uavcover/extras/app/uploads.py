@@ -33,7 +33,7 @@ async def take_file(request: Request, workspace: Workspace) -> Response:
     if run:
         path, left = await to_thread.run_sync(_photo, workspace, run, path.name)
         most = min(most, left)
-    too_large = f"{path.name}: is larger than the {most >> 20} MiB that are left; copy it into the folder instead"
+    too_large = f"{path.name}: the file is larger than the remaining {most >> 20} MiB; copy it into the folder instead"
     length = request.headers.get("content-length", "")
     if length.isdigit() and int(length) > most:
         return refusal(413, too_large)
@@ -51,7 +51,9 @@ async def take_file(request: Request, workspace: Workspace) -> Response:
             path = free_name(path.parent, path.stem, path.suffix)
         half.rename(path)
     except OSError as error:
-        return refusal(507, f"{path.name}: cannot be written ({error.strerror or error}); free the disk")
+        return refusal(
+            507, f"{path.name}: the file cannot be written ({error.strerror or error}); free some disk space"
+        )
     finally:
         half.unlink(missing_ok=True)
     return JSONResponse({"name": workspace.name(path), "bytes": size})
@@ -66,7 +68,7 @@ def _photo(workspace: Workspace, run: str, name: str) -> tuple[Path, int]:
     """Where a photo of a run is kept, and how many bytes there may still be."""
     folder = workspace.path(run)
     if not (folder / "plan.json").is_file():
-        raise InputError(f"{folder.name}: is no run folder with a plan; plan first")
+        raise InputError(f"{folder.name}: this is not a run folder with a plan; plan first")
     if Path(name).suffix.lower() not in PHOTO_KINDS:
         raise InputError(f"{name}: is neither a photo (.jpg, .tif, .dng) nor a list of positions or log")
     photos = workspace.path(f"{run}/{PHOTOS}")
@@ -91,7 +93,7 @@ def photo_document(folder: Path) -> dict[str, Any]:
             rows = list(csv.DictReader(file))
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{folder.name}: is no verdict of photos ({error}); make one with: uavcover judge-photos"
+            f"{folder.name}: this is not a verdict of photos ({error}); create one with: uavcover judge-photos"
         ) from error
     placed = [row for row in rows if row.get("lon_deg") and row.get("lat_deg")]
     for gap in shapes[1]["features"]:

@@ -55,9 +55,9 @@ class Workspace:
         )
         found = self.root.joinpath(*parts)
         if bad or not found.resolve().is_relative_to(self.root):
-            raise InputError(f"{name!r}: is not a path inside {self.root}; name a file or folder in it")
+            raise InputError(f"{name!r} is not a path inside {self.root}; use a file or folder in it")
         if any(part.startswith((".", "-")) for part in parts):
-            raise InputError(f"{name!r}: names that begin with a dot or a dash are not served; give it another name")
+            raise InputError(f"{name!r}: names that begin with a dot or a dash are not served; rename it")
         return found
 
     def name(self, path: Path) -> str:

@@ -92,7 +92,7 @@ QUICK_PAIRS = 500_000
 
 _MET = 1e-9
 _ANYWHERE = "any path inside the height band"
-_OF_GROUND = "that observes this share of the ground itself (found: of the cells, one point in each)"
+_OF_GROUND = "that observes this fraction of the ground itself (found: of the cells, one point in each)"
 """A path may see the counted places of 98 % of the cells and less of the ground: prices say nothing about that one."""
 
 

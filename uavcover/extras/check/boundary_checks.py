@@ -29,7 +29,7 @@ def fence_findings(path: FlownPath, world: World, fence: LocalFence) -> list[Che
         found.append(
             CheckFinding(
                 kind="fence", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, by=depth_m, unit="m",
-                what=f"{depth_m:.1f} m beyond the fence", do="move the items inside, or draw the fence wider",
+                what=f"{depth_m:.1f} m beyond the fence", do="move the items inside, or enlarge the fence",
             )
         )  # fmt: skip
     return joined(found, lambda one: one.kind)
@@ -95,7 +95,7 @@ def _in_zone(
     zone = surroundings.zones[number]
     return CheckFinding(
         kind="no-fly", weight="breaks", items=segment.items, by=depth_m, unit="m",
-        what=f"{depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})", do="fly round it",
+        what=f"{depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})", do="fly around it",
     ).at(world.geodetic(place))  # fmt: skip
 
 
@@ -112,7 +112,7 @@ def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[Che
             found.append(
                 CheckFinding(
                     kind="distance", weight="breaks", items=segment.items, by=over_m,
-                    unit="m", what=f"{distances[k]:.0f} m from home, the limit is {limits.max_distance_m:g} m",
+                    unit="m", what=f"{distances[k]:.0f} m from home; the limit is {limits.max_distance_m:g} m",
                     do="take off closer to the mission, or raise --max-distance",
                 ).at(world.geodetic(segment.enu_m[k]))
             )  # fmt: skip

@@ -36,8 +36,8 @@
     key(label, color);
   };
   if (data.unseen.length) {
-    L.polygon(data.unseen.map((ring) => ring.map(at)), { color: "#ffb000", weight: 1, fillColor: "#ffb000", fillOpacity: 0.3, fillRule: "evenodd" }).addTo(map).bindPopup(() => popup("not seen", []));
-    key("shown by no picture", "#ffb000");
+    L.polygon(data.unseen.map((ring) => ring.map(at)), { color: "#ffb000", weight: 1, fillColor: "#ffb000", fillOpacity: 0.3, fillRule: "evenodd" }).addTo(map).bindPopup(() => popup("unobserved", []));
+    key("not in any photo", "#ffb000");
   }
   for (const ring of data.fence) L.polyline(ring.points.map(at), { color: ring.inside ? "#ff7a59" : "#e0245e", weight: 2, dashArray: "6 5", interactive: false }).addTo(map);
   if (data.fence.length) key("fence", "#ff7a59");

@@ -180,14 +180,14 @@ def _frame_findings(mission: Mission, aircraft: Aircraft) -> list[CheckFinding]:
         return [
             CheckFinding(
                 kind="frame", weight="breaks", items=items, what="PX4 does not support heights above the terrain",
-                do="give heights above home (frame 3) or above sea level (frame 0)",
+                do="use heights above home (frame 3) or above sea level (frame 0)",
             )
         ]  # fmt: skip
     return [
         CheckFinding(
             kind="frame", weight="look", items=items,
-            what="heights above the terrain need terrain data on the vehicle; without it the mission stops there",
-            do="send it: uavcover terrain --dat, or uavcover terrain-server; TERRAIN_ENABLE 1",
+            what="heights above the terrain require terrain data on the vehicle; without it, the mission stops there",
+            do="send it with uavcover terrain --dat or uavcover terrain-server, and set TERRAIN_ENABLE to 1",
         )
     ]  # fmt: skip
 
@@ -311,11 +311,11 @@ def _as_metres(item: MissionItem, world: World, limits: Limits) -> bool:
 
 
 _CHANGES = {
-    "its number fits a height above sea level: is the frame wrong?": _as_amsl,
-    "its number fits a height above home: is the frame wrong?": _as_above_home,
-    "its number fits feet: is the unit wrong?": _as_feet,
-    "its number fits a height above the terrain: is the frame wrong?": _as_above_terrain,
-    "it fits if the height is in feet instead of metres": _as_metres,
+    "its value is plausible as a height above sea level: check the frame": _as_amsl,
+    "its value is plausible as a height above home: check the frame": _as_above_home,
+    "its value is plausible in feet: check the unit": _as_feet,
+    "its value is plausible as a height above the terrain: check the frame": _as_above_terrain,
+    "it is plausible if the height is in feet instead of metres": _as_metres,
 }
 
 
@@ -330,7 +330,7 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
         return [
             CheckFinding(
                 kind="sight", weight="look", by=under_m, unit="m",
-                what=f"the pilot stands under trees or a roof {under_m:.0f} m above the eyes and cannot observe the flight",
+                what=f"the pilot is under trees or a roof {under_m:.0f} m above eye level and cannot observe the flight",
                 do="choose an open position (--pilot)",
             ).at(world.geodetic(pilot_m))
         ]  # fmt: skip
@@ -350,7 +350,7 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
                     by=-lowest,
                     unit="m",
                     what=f"hidden from the pilot and the radio by {what_hides} {-lowest:.0f} m high in the line of sight",
-                    do="stand elsewhere (--pilot), fly higher, or have a spotter",
+                    do="choose another position (--pilot), fly higher, or use a spotter",
                 ).at(world.geodetic(places[begin])),
             )
     return joined(hidden, lambda one: one.kind)

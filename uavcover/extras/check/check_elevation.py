@@ -24,9 +24,12 @@ from uavcover.terrain.suspect_heights import SuspectPlace, is_suspect, suspect_p
 from uavcover.terrain.terrain_source import TerrainSource
 
 _AS_OPTIONS = (
-    (r'; set terrain\.(?:surface_)?height_unit to "ft"', "; convert it to metres, or give --height-unit ft"),
-    (r"; set terrain\.surface_vertical_datum or surface_height_unit", "; bring both to one datum and unit"),
-    (r"\(file is the ground, surface_file what stands on it\)", "(--dem is the ground, --dsm what stands on it)"),
+    (r'; set terrain\.(?:surface_)?height_unit to "ft"', "; convert it to metres, or use --height-unit ft"),
+    (r"; set terrain\.surface_vertical_datum or surface_height_unit", "; convert both to one datum and unit"),
+    (
+        r"\(file is the ground, surface_file what stands on it\)",
+        "(--dem is the ground, --dsm includes what stands on it)",
+    ),
     (r"terrain\.surface_(?:file|crs|band|height_unit|vertical_datum)", "--dsm"),
     (r"terrain\.file", "--dem"),
 )
@@ -124,7 +127,9 @@ def open_check_elevation(
     ask_about_heights(ground, user, option="--dem")
     suspects = () if trusted else _suspects(ground, datum, mission, home)
     for one in suspects[: WORLD.most_suspects]:
-        user.warn(f"--dem: {ground.name} has {one.words}: its heights count as unknown there (--trust-dem: as ground)")
+        user.warn(
+            f"--dem: {ground.name} has {one.words}: these heights are treated as unknown (--trust-dem: as ground)"
+        )
     if not surface:
         return CheckElevation(ground, datum, suspects=suspects)
     ask_about_surface(ground, user, beside_surface=True)

@@ -43,7 +43,7 @@ def render_check_page(query: CheckQuery, outcome: CheckOutcome) -> str:
     checked = outcome.checked
     if checked.path is None or checked.world is None or not checked.path.segments:
         raise InputError(
-            f"--map: {query.file}: has no path to draw; name the map .geojson, or repair the findings first"
+            f"--map: {query.file}: the mission has no path to draw; use a .geojson map, or repair the findings first"
         )
     legs = _legs(checked, checked.world)
     figures = {key: value for key, value in figures_of(checked).items() if value is not None}

@@ -91,7 +91,7 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
     if texts:
         user.say("; ".join(texts))
     if figures["time_s"] is not None:
-        user.say(f"the time is that of {outcome.aircraft.speeds_in_words}; speeds in the mission have priority")
+        user.say(f"the time assumes {outcome.aircraft.speeds_in_words}; speeds in the mission have priority")
     for line in () if outcome.view is None else outcome.view.lines:
         user.say(line)
     user.say(f"verdict: {checked.verdict}")
@@ -144,9 +144,9 @@ def write_map(outcome: CheckOutcome, path: Path, *, force: bool) -> None:
 def refuse_map(path: Path, *, force: bool) -> None:
     """Refuse a map that cannot be written, before anything is judged."""
     if path.suffix.lower() not in (".geojson", ".json", ".html"):
-        raise OutputError(f"--map: {path}: name it .geojson, or .html for a page")
+        raise OutputError(f"--map: {path}: the name must end in .geojson, or .html for a page")
     if path.exists() and not force:
-        raise OutputError(f"{path}: already exists; choose another name, or --force to replace it")
+        raise OutputError(f"{path}: this file already exists; choose another name, or use --force to replace it")
 
 
 def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:

@@ -108,7 +108,7 @@ class LimitOptions:
 
         low, high = length(self.min_height, "--min-height", "10m"), length(self.max_height, "--max-height", "120m")
         if low is not None and high is not None and low > high:
-            raise InputError(f"--min-height: {low:g} m is above --max-height, {high:g} m; leave room between them")
+            raise InputError(f"--min-height: {low:g} m is above --max-height ({high:g} m); use a lower value")
         return Limits(
             min_height_agl_m=0.0 if low is None else low,
             max_height_agl_m=high,
@@ -203,10 +203,14 @@ class ViewOptions:
         if self.area is None:
             for name in ("camera", "gsd", "overlap", "coverage", "picture_every"):
                 if getattr(self, name) is not None:
-                    raise InputError(f"--{name.replace('_', '-')}: requires --area, the ground to be covered")
+                    raise InputError(
+                        f"--{name.replace('_', '-')}: this option requires --area, the ground to be covered"
+                    )
             return None
         if self.camera is None:
-            raise InputError("--area: needs --camera, whose photos cover it (uavcover new --camera list)")
+            raise InputError(
+                "--area: this option requires --camera, whose photos cover the area (uavcover new --camera list)"
+            )
         if self.coverage is not None and not 0.0 < self.coverage <= 1.0:
             raise InputError(f"--coverage: {self.coverage:g} must be above 0 and at most 1")
         if not -90.0 <= self.camera_pitch <= 0.0:
@@ -241,7 +245,7 @@ class WrittenOptions:
         typer.Option(
             "--fix",
             help=(
-                "Raise low waypoints, add waypoints over ground that a leg hits, and split long missions. Requires -o."
+                "Raise low waypoints, add waypoints where a leg hits the ground, and split long missions. Requires -o."
             ),
         ),
     ] = False
@@ -293,17 +297,17 @@ def check(
 
     console = output.console()
     if not dem.dem:
-        raise InputError("--dem: give elevation data: a raster, a folder or a pattern of tiles")
+        raise InputError("--dem: specify elevation data: a raster, a folder or a pattern of tiles")
     if not 0.0 <= aircraft.reserve < 100.0:
-        raise InputError(f"--reserve: {aircraft.reserve:g} is not a share of the battery; give 0 to 99 percent")
+        raise InputError(f"--reserve: {aircraft.reserve:g} is not a valid reserve; use 0 to 99 percent")
     if written.max_items is not None and written.max_items < 8:
-        raise InputError(f"--max-items: {written.max_items} leaves no room for a flight; give 8 or more")
+        raise InputError(f"--max-items: {written.max_items} is too few for a flight; use 8 or more")
     if aircraft.bank is not None and not 5.0 <= aircraft.bank <= 80.0:
         raise InputError(f"--bank: {aircraft.bank:g} is outside 5 to 80 degrees")
     if written.map_file is not None:
         refuse_map(written.map_file, force=written.force)
     if written.out is not None and not written.fix:
-        raise InputError("-o: requires --fix")
+        raise InputError("-o: this option requires --fix")
     fixed = refuse_repair_into(file, written.out, force=written.force) if written.fix else None
     height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
     query = CheckQuery(

@@ -42,8 +42,8 @@ def endurance_findings(path: FlownPath, aircraft: Aircraft, limits: Limits) -> t
             CheckFinding(
                 kind="wind",
                 weight="unknown",
-                what=f"how it flies in {limits.wind_m_s:g} m/s of wind: its maximum airspeed is unknown",
-                do="give --vehicle NAME, or a TOML file with max_speed_m_s",
+                what=f"the flight in {limits.wind_m_s:g} m/s of wind cannot be judged: the maximum airspeed is unknown",
+                do="specify --vehicle NAME, or a TOML file with max_speed_m_s",
             ),
             *_battery_findings(seconds, aircraft, ", without wind"),
         ]
@@ -62,7 +62,7 @@ def _battery_findings(seconds: float, aircraft: Aircraft, wind: str) -> list[Che
             weight="breaks",
             by=seconds - usable_s,
             unit="s",
-            what=f"takes {seconds / 60.0:.1f} min{wind}, the battery lasts {usable_s / 60.0:.1f} min with "
+            what=f"takes {seconds / 60.0:.1f} min{wind}; the battery lasts {usable_s / 60.0:.1f} min with "
             f"{100.0 * aircraft.reserve_fraction:.0f} % in reserve",
             do="split the mission, or fly it faster",
         ),
@@ -157,7 +157,7 @@ def speed_findings(path: FlownPath, aircraft: Aircraft) -> list[CheckFinding]:
     found = [
         CheckFinding(
             kind="speed", weight="breaks", items=segment.items, by=segment.speed_m_s - most, unit="m/s",
-            what=f"{segment.speed_m_s:g} m/s are commanded, the vehicle makes {most:g}", do="command less",
+            what=f"{segment.speed_m_s:g} m/s are commanded, but the vehicle flies at most {most:g}", do="command a lower speed",
         )
         for segment in path.distinct
         if segment.speed_m_s > most + 1e-6
@@ -187,7 +187,7 @@ def wing_findings(path: FlownPath, world: World, aircraft: Aircraft) -> list[Che
                     items=segment.items,
                     by=missing_m,
                     unit="m",
-                    what=f"a {words} of {abs(rise_m):.0f} m on {flat_m:.0f} m: it is {missing_m:.0f} m short of it at the end",
+                    what=f"a {words} of {abs(rise_m):.0f} m on {flat_m:.0f} m: the vehicle is {missing_m:.0f} m short at the end",
                     do="make the leg longer, or circle to the height first (LOITER_TO_ALT)",
                 ).at(world.geodetic(segment.enu_m[-1])),
             )
@@ -215,8 +215,8 @@ def _tight_turn(one: Segment, two: Segment, world: World, aircraft: Aircraft) ->
             items=two.items,
             by=aside_m,
             unit="m",
-            what=f"a turn of {math.degrees(angle):.0f} degrees with legs shorter than its radius of "
-            f"{radius_m:.0f} m takes: up to {aside_m:.0f} m aside of the next leg",
-            do="move the waypoints apart",
+            what=f"a turn of {math.degrees(angle):.0f} degrees with legs shorter than its radius of {radius_m:.0f} m "
+            f"requires: up to {aside_m:.0f} m beside the next leg",
+            do="increase the distance between the waypoints",
         ).at(world.geodetic(one.enu_m[-1])),
     ]

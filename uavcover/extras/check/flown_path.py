@@ -101,8 +101,8 @@ class _Flight:
             self._then = then
             command(self, number, item)
         elif item.command in _FREE_FLIGHT or (item.command == _GUIDED_ENABLE and item.params[0] != 0.0):
-            self._look(number, "meaning", f"command {item.command} hands over to another controller, its path is not known",
-                       "judge that part by itself", "unknown")  # fmt: skip
+            self._look(number, "meaning", f"command {item.command} hands over to another controller, so its path is unknown",
+                       "check that part separately", "unknown")  # fmt: skip
         elif item.command > LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
             self.deeds.append(Deed(number, len(self.segments)))
         elif item.has_position and self._has_place(item):
@@ -110,7 +110,7 @@ class _Flight:
                        "check what the autopilot does at this item", "unknown")  # fmt: skip
             self._go(number, self._target(item), doubt=f"command {item.command}")
         else:
-            self._look(number, "meaning", f"command {item.command} has no position: its path is not known",
+            self._look(number, "meaning", f"command {item.command} has no position, so its path is unknown",
                        "check what the autopilot does at this item", "unknown")  # fmt: skip
 
     def end(self, skipped: frozenset[int]) -> None:
@@ -204,8 +204,9 @@ class _Flight:
         self._circle(number, item, turns=1.0, radius_m=_number(item.params[2]), wait_s=wait_s)
 
     def _loiter_unlimited(self, number: int, item: MissionItem) -> None:
-        self._look(number, "endless", "it stays here until a new command; later items are judged as if the mission continued",
-                   "give a time or a number of turns, or watch the battery", "look")  # fmt: skip
+        self._look(number, "endless", "the vehicle stays here until a new command; later items are judged as if the "
+                                      "mission continued",
+                   "specify a time or a number of turns, or monitor the battery", "look")  # fmt: skip
         if self._aircraft.has_wings:
             self._circle(number, item, turns=1.0, radius_m=_number(item.params[2]))
         else:
@@ -248,10 +249,10 @@ class _Flight:
     def _delay(self, number: int, item: MissionItem) -> None:
         if any(part >= 0.0 for part in item.params[1:]) and _number(item.params[0]) <= 0.0:
             limited = self._aircraft.endurance_s is not None
-            self._look(number, "endless", "waits until a time of day; how long that is depends on the take-off",
-                       "give seconds, or watch the battery", "unknown" if limited else "look")  # fmt: skip
+            self._look(number, "endless", "waits until a time of day; the duration depends on the take-off",
+                       "specify seconds, or monitor the battery", "unknown" if limited else "look")  # fmt: skip
         if self._aircraft.autopilot == "px4" and not self._aircraft.has_wings:  # docs/results/safety.md
-            self._look(number, "meaning", "PX4 1.17 sinks at a DELAY, and flew the leg after it up to 38 m too low in simulation",
+            self._look(number, "meaning", "PX4 1.17 descends at a DELAY; in simulation it flew the next leg up to 38 m too low",
                        "let the waypoint before it wait (its parameter 1)", "unknown")  # fmt: skip
         self._wait(max(_number(item.params[0]), 0.0))
         self._vector_m = None
@@ -269,7 +270,7 @@ class _Flight:
     def _check_is_up(self, number: int) -> None:
         if not self._is_up:
             self._is_up = True
-            self._look(number, "take-off", "the mission starts without a take-off", "put a take-off first", "look")
+            self._look(number, "take-off", "the mission starts without a take-off", "start with a take-off", "look")
 
     def _circle(
         self,

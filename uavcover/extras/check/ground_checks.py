@@ -72,7 +72,7 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
             items=segment.items,
             by=short_m,
             unit="m",
-            what=f"{words}, the limit is {max(limit_m, 0.0):g} m",
+            what=f"{words}; the limit is {max(limit_m, 0.0):g} m",
             do=_remedy(segment, world, points, short_m),
         ).at(world.geodetic(where)),
     ]
@@ -83,7 +83,7 @@ def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
         return "return higher (--return-height), or end the mission with a return transit"
     if segment.phase in ("take-off", "landing") and world.surface is not None:
         return "take off and land away from obstacles"
-    return f"raise {points} by {short_m:.0f} m or more, or put a waypoint there"
+    return f"raise {points} by {short_m:.0f} m or more, or insert a waypoint"
 
 
 def height_in_words(lowest_m: float, place_m: FloatArray, world: World) -> str:
@@ -112,7 +112,7 @@ def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray
             items=segment.items,
             by=over_m,
             unit="m",
-            what=f"{highest_m:.0f} m above the ground, the limit is {limits.max_height_agl_m:g} m",
+            what=f"{highest_m:.0f} m above the ground; the limit is {limits.max_height_agl_m:g} m",
             do=f"fly {over_m:.0f} m lower there, or raise --max-height",
         ).at(world.geodetic(place_of(segment, piece, float(ranges[piece, 3])))),
     ]
@@ -135,7 +135,7 @@ def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFin
             items=segment.items,
             by=over_m,
             unit="m",
-            what=f"{over_m + limits.max_above_home_m:.0f} m above home, the limit is {limits.max_above_home_m:g} m",
+            what=f"{over_m + limits.max_above_home_m:.0f} m above home; the limit is {limits.max_above_home_m:g} m",
             do=f"fly {over_m:.0f} m lower there",
         ).at(world.geodetic(segment.enu_m[k])),
     ]
@@ -175,7 +175,7 @@ def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding
                 kind="suspect-ground",
                 weight="unknown",
                 items=segment.items,
-                what=f"the ground is not believed here: {words}",
+                what=f"the elevation data is not plausible here: {words}",
                 do=OTHER_DATA,
             ).at(world.geodetic(at))
     found = CheckFinding(
@@ -183,6 +183,6 @@ def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding
         weight="unknown",
         items=segment.items,
         what="the elevation data has no height here",
-        do="give elevation data that reaches all of the flight",
+        do="use elevation data that covers the whole flight",
     )
     return found.at(world.geodetic(place)) if np.isfinite(place).all() else found

@@ -28,7 +28,7 @@ _PLACES: Final = (
 )  # fmt: skip
 _WAITS: Final = {
     int(Command.NAV_WAYPOINT): "waits", int(Command.NAV_SPLINE_WAYPOINT): "waits", int(Command.NAV_LOITER_TIME): "circles",
-    int(Command.NAV_DELAY): "waits", int(Command.CONDITION_DELAY): "delays what follows",
+    int(Command.NAV_DELAY): "waits", int(Command.CONDITION_DELAY): "delays the next items",
 }  # fmt: skip
 _Problem = tuple[Weight, str, str]
 """Weight, problem, remedy."""
@@ -55,7 +55,7 @@ def impossible_numbers(mission: Mission) -> list[CheckFinding]:
                 weight="breaks",
                 items=(number, number),
                 what=what,
-                do="correct it; nothing else was judged",
+                do="correct it; the other checks were not made",
             )
             for what in problems
         ]
@@ -81,13 +81,13 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
         if item.command == Command.DO_LAND_START:
             land_starts += 1
             if land_starts > 1 and aircraft.autopilot == "px4":
-                problems.append(("breaks", "a second land start, with which PX4 refuses the mission", "keep one"))
+                problems.append(("breaks", "this is a second land start, and PX4 refuses the mission", "keep only one"))
         if aircraft.autopilot == "px4" and not item.autocontinue and item.command in _PLACES:
             problems.append(
                 (
                     "look",
                     "it does not continue automatically (autocontinue 0)",
-                    "set it, or have a pilot at the controls",
+                    "set it, or fly with a pilot at the controls",
                 )
             )
         found += [
@@ -102,8 +102,8 @@ def _frames(item: MissionItem) -> Iterator[_Problem]:
     if item.frame is not Frame.COMMAND or item.command not in _PLACES:
         return
     if (item.lat_deg, item.lon_deg) != (0.0, 0.0) or (item.command in _TAKEOFFS and item.alt_m != 0.0):
-        what = "its frame, 2, is that of items without a position; ArduPilot takes its height as above sea level"
-        yield "breaks", what, "give frame 3 (above home), 0 (above sea level) or 10 (above the terrain)"
+        what = "its frame, 2, is for items without a position; ArduPilot reads its height as above sea level"
+        yield "breaks", what, "use frame 3 (above home), 0 (above sea level) or 10 (above the terrain)"
 
 
 def _waits(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
@@ -112,10 +112,10 @@ def _waits(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
     time_s = item.params[0]
     by_the_clock = item.command == Command.NAV_DELAY and any(part >= 0.0 for part in item.params[1:])
     if time_s < 0.0 and not (by_the_clock and time_s == -1.0):
-        yield "look", f"{_WAITS[item.command]} for {time_s:g} s, which is not a valid time", "give 0 seconds or more"
+        yield "look", f"{_WAITS[item.command]} for {time_s:g} s, which is not a valid time", "use 0 seconds or more"
     if time_s > _ARDUPILOT_WAIT_S and aircraft.autopilot == "ardupilot" and item.command in _TIMED:
-        what = f"{_WAITS[item.command]} for {time_s:g} s, of which ArduPilot keeps {_ARDUPILOT_WAIT_S:g}"
-        yield "breaks", what, "give less, or put in two items"
+        what = f"{_WAITS[item.command]} for {time_s:g} s, but ArduPilot keeps only {_ARDUPILOT_WAIT_S:g}"
+        yield "breaks", what, "use less, or insert two items"
 
 
 def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
@@ -126,16 +126,16 @@ def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
         yield (
             "breaks",
             f"{turns:g} turns: the behaviour of the autopilot is unknown",
-            "give turns above 0; a negative radius turns left",
+            "use turns above 0; a negative radius turns left",
         )
     elif turns == 0.0:
-        yield "look", "no turns: it goes to the circle and on", "give turns, or use a waypoint"
+        yield "look", "no turns: the vehicle flies to the circle and continues", "specify turns, or use a waypoint"
     elif aircraft.autopilot == "ardupilot" and turns > _ARDUPILOT_TURNS:
-        yield "breaks", f"{turns:g} turns, of which ArduPilot keeps {_ARDUPILOT_TURNS:g}", "put in two items"
+        yield "breaks", f"{turns:g} turns, but ArduPilot keeps only {_ARDUPILOT_TURNS:g}", "insert two items"
     if aircraft.autopilot == "ardupilot" and radius_m > _ARDUPILOT_RADIUS_M:
         yield (
             "breaks",
-            f"a circle of {radius_m:g} m, of which ArduPilot keeps {_ARDUPILOT_RADIUS_M:g} m",
+            f"a circle of {radius_m:g} m, but ArduPilot keeps only {_ARDUPILOT_RADIUS_M:g} m",
             "fly it with waypoints",
         )
 
@@ -143,18 +143,18 @@ def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
 def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
     kind, speed, throttle = item.params[:3]
     if not (math.isfinite(kind) and math.isfinite(speed)):
-        yield "unknown", "a change of speed without a number", "give the speed in m/s"
+        yield "unknown", "a change of speed without a number", "specify the speed in m/s"
         return
     if kind not in tuple(each.value for each in SpeedType):
-        yield "look", f"{kind:g} is not a kind of speed (0 air, 1 ground, 2 climb, 3 descent)", "give one of these"
+        yield "look", f"{kind:g} is not a kind of speed (0 air, 1 ground, 2 climb, 3 descent)", "use one of these"
     if speed > 0.0 or (speed == -1.0 and throttle > 0.0) or speed == -2.0:
         return  # -1 leaves the speed alone, -2 takes the default
-    does = "sets the speed back to its default" if aircraft.autopilot == "px4" else "changes nothing"
+    does = "resets the speed to its default" if aircraft.autopilot == "px4" else "changes nothing"
     if aircraft.autopilot == "ardupilot" and aircraft.has_wings and kind == SpeedType.GROUND.value:
         does = "is interpreted as the lowest ground speed, which is then zero"
     if speed == -1.0 and does == "changes nothing":
         return
-    yield "look", f"a speed of {speed:g} m/s {does}", "give the speed in m/s; -2 takes the default"
+    yield "look", f"a speed of {speed:g} m/s {does}", "specify the speed in m/s; -2 selects the default"
 
 
 def _homes(item: MissionItem, home: GeoPoint | None) -> Iterator[_Problem]:
@@ -173,7 +173,7 @@ def _taking_over(item: MissionItem) -> Iterator[_Problem]:
     if row is not None:
         weight, what, applies = row
         if applies(item.params):
-            yield weight, what, "remove it, or ignore the rest"
+            yield weight, what, "remove it, or ignore the later items"
 
 
 def _always(_: tuple[float, float, float, float]) -> bool:
@@ -187,10 +187,10 @@ _TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, 
         185: ("breaks", "terminates the flight: motors off", lambda params: params[0] > 0.5),
         186: ("unknown", "changes the height; judged without this change", _always),
         191: ("unknown", "goes around: the autopilot determines the path", _always),
-        int(Command.DO_REPOSITION): ("unknown", "sends the vehicle elsewhere; judged without this change", _always),
+        int(Command.DO_REPOSITION): ("unknown", "sends the vehicle to another position; judged without this change", _always),
         int(Command.DO_PAUSE_CONTINUE): ("look", "stays until a command to continue", lambda params: params[0] == 0.0),
         194: ("unknown", "drives backwards; judged without this change", lambda params: params[0] == 1.0),
-        207: ("look", "switches the fence off: nothing keeps the vehicle in", lambda params: params[0] == 0.0),
+        207: ("look", "disables the fence: the vehicle can leave the area", lambda params: params[0] == 0.0),
         208: ("breaks", "releases the parachute", lambda params: params[0] == 2.0),
         223: ("breaks", "stops the engine", lambda params: params[0] == 0.0),
         int(Command.COMPONENT_ARM_DISARM): ("breaks", "disarms: motors off", lambda params: params[0] == 0.0),
@@ -258,7 +258,7 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                     CheckFinding(
                         kind="jump", weight="breaks", items=(int(target), at),
                         what=f"{leads}: an endless loop without a position",
-                        do="jump to an item that flies, or remove it",
+                        do="jump to an item with a position, or remove the jump",
                     )
                 )  # fmt: skip
                 at += 1
@@ -268,8 +268,8 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 findings.append(
                     CheckFinding(
                         kind="endless", weight="look", items=(at, at),
-                        what=f"jumps back to item {target:g} without end; {PATH.endless_passes} rounds were judged",
-                        do="state how often, or watch the battery",
+                        what=f"jumps back to item {target:g} endlessly; {PATH.endless_passes} rounds were judged",
+                        do="specify the number of repeats, or monitor the battery",
                     )
                 )  # fmt: skip
             if taken[at] < (PATH.endless_passes if times < 0 else times):
@@ -281,8 +281,8 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
             findings.append(
                 CheckFinding(
                     kind="endless", weight="unknown", items=(at, at),
-                    what=f"jumps make more than {PATH.max_steps} items; the rest was not judged",
-                    do="let jumps repeat less often",
+                    what=f"with its jumps the mission has more than {PATH.max_steps} items; the later ones were not judged",
+                    do="reduce the repeats of the jumps",
                 )
             )  # fmt: skip
             break

@@ -167,7 +167,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         user.warn(f"{query.file}: repaired: {repair}")
     if read.points:
         user.say(
-            f"point 1 of {query.file} is item {read.points[0]}, the last one, {len(read.points)}, item {read.points[-1]}"
+            f"point 1 of {query.file} is item {read.points[0]}, and the last point ({len(read.points)}) is item {read.points[-1]}"
         )
     if read.fence is not None:
         for doubt in doubts_about_fence(read.fence):
@@ -200,11 +200,11 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         timed = sum(zone.has_times for zone in counting)
         if len(counting) < len(found):
             user.say(
-                f"{len(found) - len(counting)} of {len(found)} no-fly zones are not in force then and do not count"
+                f"{len(found) - len(counting)} of {len(found)} no-fly zones are not active during the flight and do not count"
             )
         elif timed and window is None:
             user.say(
-                f"{timed} no-fly zones have schedules and count as always in force; state the time of the flight with --at"
+                f"{timed} no-fly zones have schedules and count as always active; state the time of the flight with --at"
             )
         return counting
 
@@ -233,10 +233,10 @@ def _too_many(query: CheckQuery, read: ReadMission) -> list[CheckFinding]:
     controller = _MOST_POINTS.get(query.file.suffix.lower())
     if read.points and controller is not None and len(read.points) > controller[0]:
         most, name = controller
-        found.append((f"{len(read.points)} points, {name} takes {most}", len(read.points) - most))
+        found.append((f"{len(read.points)} points; the limit of {name} is {most}", len(read.points) - most))
     count = len(read.mission.items)
     if query.most_items is not None and count > query.most_items:
-        found.append((f"{count} items, {query.most_items} are taken", count - query.most_items))
+        found.append((f"{count} items; the limit is {query.most_items}", count - query.most_items))
     return [
         CheckFinding(
             kind="items", weight="breaks", by=float(over), what=what, do="split it: --fix --max-items N -o FILE"
@@ -253,10 +253,10 @@ def read_mission_file(path: Path) -> ReadMission:
         FormatError: it is not what its name says.
     """
     if not path.is_file():
-        raise InputError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give a mission file")
+        raise InputError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; use a mission file")
     suffix = path.suffix.lower()
     if suffix not in MISSION_SUFFIXES:
-        raise InputError(f"{path}: {suffix or 'no suffix'} is not read; give one of {', '.join(MISSION_SUFFIXES)}")
+        raise InputError(f"{path}: {suffix or 'no suffix'} is not supported; use one of {', '.join(MISSION_SUFFIXES)}")
     route = read_route_file(path)
     if route is not None:
         return ReadMission(
@@ -284,7 +284,7 @@ def read_mission_file(path: Path) -> ReadMission:
         )  # fmt: skip
     read = files.read_file(path)
     if read.mission is None:
-        raise InputError(f"{path}: holds a fence or rally points and no mission; give it with --fence")
+        raise InputError(f"{path}: the file contains a fence or rally points, but no mission; use it with --fence")
     return ReadMission(read.mission, None, None, _kind_of(None, read.mission), read.repairs)
 
 
@@ -307,7 +307,7 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
     if query.kind is not None:
         known: dict[str, Kind] = {name: name for name in KINDS}
         if query.kind not in known:
-            raise InputError(f"--flies-as: {query.kind!r} is not known; give {', '.join(KINDS)}")
+            raise InputError(f"--flies-as: {query.kind!r} is not known; use {', '.join(KINDS)}")
         kind = known[query.kind]
     own = default_aircraft(autopilot, kind)
     sheet = vehicle or VehicleType("", "")
@@ -382,7 +382,7 @@ def _read_obstacles(path: Path | None) -> tuple[Obstacle, ...]:
     if path is None:
         return ()
     if not path.is_file():
-        raise InputError(f"--obstacles: {path}: no such file; give polygons with heights (.geojson, .kml)")
+        raise InputError(f"--obstacles: {path}: no such file; use polygons with heights (.geojson, .kml)")
     try:
         return read_obstacles(path)
     except (ScenarioError, InputError) as error:
@@ -393,7 +393,7 @@ def _read_rally(path: Path) -> tuple[FramedPoint, ...]:
     read = files.read_file(path) if path.is_file() else None
     if read is None or read.rally is None:
         raise InputError(
-            f"--rally: {path}: {'no such file' if read is None else 'holds no rally points'}; give a rally file"
+            f"--rally: {path}: {'no such file' if read is None else 'the file contains no rally points'}; use a rally file"
         )
     return read.rally.points
 
@@ -405,7 +405,7 @@ def read_parameter_file(path: Path) -> dict[str, float]:
         InputError: there is no such file, or a line is neither.
     """
     if not path.is_file():
-        raise InputError(f"--parameters: {path}: no such file; give a file of parameters as a ground station saves it")
+        raise InputError(f"--parameters: {path}: no such file; use a parameter file saved by a ground station")
     found: dict[str, float] = {}
     for number, line in enumerate(text_from_bytes(path.read_bytes()).text.splitlines(), 1):
         content = line.split("#")[0].strip()
@@ -428,9 +428,9 @@ def read_parameter_file(path: Path) -> dict[str, float]:
 def _read_fence(path: Path) -> FenceSource:
     if path.suffix.lower() in _FENCE_FILES:
         if not path.is_file():
-            raise InputError(f"--fence: {path}: no such file; give a fence or an area")
+            raise InputError(f"--fence: {path}: no such file; use a fence or an area")
         read = files.read_file(path)
         if read.fence is None or read.fence == Fence():
-            raise InputError(f"--fence: {path}: holds no fence; give a fence, or an area to stay inside")
+            raise InputError(f"--fence: {path}: the file contains no fence; use a fence, or an area to stay inside")
         return read.fence
     return read_area(AreaQuery(source=str(path))).parts

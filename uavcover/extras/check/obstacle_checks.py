@@ -43,7 +43,7 @@ def with_obstacles(
         name = one.name or str(number)
         if not one.rings_lon_lat_deg:
             raise InputError(
-                f"--obstacles: {name}: is in metres of a scenario's own frame; give longitudes and latitudes"
+                f"--obstacles: {name}: is in metres of a scenario's local frame; use longitudes and latitudes"
             )
         rings = [
             frame.enu_from_geodetic(lat, lon, frame.alt_amsl_m)[:, :2]
@@ -76,8 +76,8 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
         found.append(
             CheckFinding(
                 kind="obstacle", weight="breaks", items=segment.items, by=short_m,
-                unit="m", what=f"{words}, the limit is {clearance_m:g} m",
-                do="fly round it or over it, or allow less with --obstacle-clearance",
+                unit="m", what=f"{words}; the limit is {clearance_m:g} m",
+                do="fly around or over it, or allow less with --obstacle-clearance",
             ).at(world.geodetic(place))
         )  # fmt: skip
     return joined(found, _of_which)

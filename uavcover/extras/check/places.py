@@ -18,7 +18,7 @@ Heights = Callable[[FloatArray, FloatArray], FloatArray]
 Doubt = Callable[[float, float], str]
 """Reason to distrust the height at a latitude and longitude; empty if there is none."""
 
-OTHER_DATA = "give other data, or mark its missing heights (gdal_edit.py -a_nodata); if it is right, --trust-dem"
+OTHER_DATA = "use other data, or mark its missing heights (gdal_edit.py -a_nodata); if it is correct, add --trust-dem"
 """Remedy for heights that do not look like ground."""
 
 
@@ -70,7 +70,7 @@ def places_of(
     if at is None:
         findings.append(
             CheckFinding(
-                kind="place", weight="unknown", what="no item has a position", do="give a mission with positions"
+                kind="place", weight="unknown", what="no item has a position", do="use a mission with positions"
             )
         )
         return MissionPlaces(None, frozenset(), tuple(findings))
@@ -79,7 +79,7 @@ def places_of(
         findings.append(
             CheckFinding(
                 kind="suspect-ground", weight="unknown", items=(0, 0), lat_deg=at[0], lon_deg=at[1],
-                what=f"home, from which heights count, is on {why}", do=OTHER_DATA,
+                what=f"home, the reference of the heights, is on {why}", do=OTHER_DATA,
             )
         )  # fmt: skip
         return MissionPlaces(None, frozenset(), tuple(findings))
@@ -127,7 +127,7 @@ def _home_place(
             lat_deg=float(lat[0]),
             lon_deg=float(lon[0]),
             what="the mission has no home; judged as if it took off below its first position",
-            do="give it with --home LAT,LON",
+            do="specify it with --home LAT,LON",
         ),
     )
     return float(lat[0]), float(lon[0])
@@ -139,11 +139,11 @@ def _home_elsewhere(at: tuple[float, float], heights: Heights, *, known: bool) -
         what, do = "latitude and longitude of home are swapped", "swap them"
     elif known:
         what, do = (
-            "home is outside the elevation data, the route is inside",
-            "give the take-off position with --home LAT,LON",
+            "home is outside the elevation data, but the route is inside",
+            "specify the take-off position with --home LAT,LON",
         )
     else:
-        what, do = "the mission is elsewhere than the elevation data", "give the elevation data of its location"
+        what, do = "the mission is outside the elevation data", "use the elevation data of its location"
     return CheckFinding(kind="place", weight="breaks", items=(0, 0), lat_deg=at[0], lon_deg=at[1], what=what, do=do)
 
 
@@ -159,8 +159,8 @@ def _compare_home(stated_m: float, at: tuple[float, float], height_m: float, fin
                 alt_amsl_m=stated_m,
                 by=abs(stated_m - height_m),
                 unit="m",
-                what=f"home is {stated_m:.0f} m above sea level in the file, the ground there {height_m:.0f} m; heights "
-                "above home were taken from the ground",
+                what=f"home is {stated_m:.0f} m above sea level in the file, but the ground there is {height_m:.0f} "
+                "m; heights above home were taken from the ground",
                 do="compare the vertical datums, or move home",
             ),
         )
@@ -212,7 +212,8 @@ def _zeros(mission: Mission, autopilot: AutopilotName, findings: list[CheckFindi
                     items=(number, number),
                     lat_deg=0.0,
                     lon_deg=0.0,
-                    what="a waypoint at latitude 0, longitude 0" + ("" if px4 else ": ArduPilot stays where it is"),
-                    do="give its position, or remove it",
+                    what="this waypoint is at latitude 0, longitude 0"
+                    + ("" if px4 else ": ArduPilot stays where it is"),
+                    do="specify its position, or remove it",
                 ),
             )

@@ -172,7 +172,7 @@ class _Shooting:
                 elif p1 == 0.0:
                     self._stop_time()
             case _Also.TRIGGER_CONTROL:
-                self._notes["a trigger that the camera's own settings pace (DO_TRIGGER_CONTROL) is not counted"] = None
+                self._notes["a trigger that uses the camera's own interval (DO_TRIGGER_CONTROL) is not counted"] = None
             case Command.VIDEO_START_CAPTURE:
                 self._notes["video is not counted, only photos"] = None
             case _:

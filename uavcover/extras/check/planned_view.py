@@ -137,10 +137,10 @@ def _map(
         [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in parts]
     )
     if not isinstance(outline, shapely.Polygon | shapely.MultiPolygon) or outline.is_empty:
-        raise InputError("--area: contains no ground; provide polygons")
+        raise InputError("--area: the file contains no area; use polygons")
     away_m = float(shapely.distance(outline, shapely.Point(0.0, 0.0)))
     if away_m > 50_000.0:
-        raise InputError(f"--area: lies {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")
+        raise InputError(f"--area: the area is {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")
     cell_m = round(max(math.sqrt(outline.area / PATH.cells), PATH.finest_cell_m), 1)
     west, south, east, north = shapely.union_all([outline, shapely.MultiPoint(pictures.places_m[:, :2])]).bounds
     bounds = (
@@ -220,7 +220,7 @@ def _lines(document: dict[str, Any]) -> tuple[str, ...]:
     ]
     if document["hidden_m2"] > 0.0:
         lines.append(
-            f"trees and roofs hide {100.0 * document['hidden_m2'] / document['area_m2']:.1f} %, which no photo shows"
+            f"trees and roofs hide {100.0 * document['hidden_m2'] / document['area_m2']:.1f} % of the area from all photos"
         )
     if document["ground_sample_median_m"] is not None:
         lines.append(
@@ -229,7 +229,7 @@ def _lines(document: dict[str, Any]) -> tuple[str, ...]:
             f"{100.0 * document['ground_sample_p95_m']:.2f} cm"
         )
     if document["overlap_fraction"] is not None:
-        holds = "is met" if document["overlap_holds"] else "is not met"
+        holds = "is achieved" if document["overlap_holds"] else "is not achieved"
         lines.append(
             f"the overlap {holds}: {100.0 * document['overlap_fraction']:.1f} % of the area "
             f"is in {document['pictures_asked']} photos "
@@ -247,12 +247,12 @@ def _findings(
         found.append(
             CheckFinding(
                 kind="pictures", weight="breaks", what="no item of the mission takes a photo",
-                do="insert camera items, or give the camera's own interval with --picture-every",
+                do="insert camera items, or specify the camera's own interval with --picture-every",
             )
         )  # fmt: skip
     if query.coverage is not None and document["coverage_fraction"] < query.coverage:
         would = percent_beside(document["coverage_fraction"], query.coverage)
-        whole = f"{would} of the area would be covered, {100.0 * query.coverage:g} % are required"
+        whole = f"{would} of the area would be covered; {100.0 * query.coverage:g} % are required"
         one = CheckFinding(
             kind="coverage", weight="breaks", what=whole, do="add lines over the missing areas (see --map)"
         )
@@ -266,8 +266,8 @@ def _findings(
             CheckFinding(
                 kind="overlap", weight="breaks", do="fly swaths closer together, or take photos more often",
                 what=f"{percent_beside(document['overlap_fraction'], OVERLAP_FRACTION)} of the area is in "
-                f"{document['pictures_asked']} photos or more, "
-                f"{100.0 * OVERLAP_FRACTION:g} % are required for an overlap of {query.overlap}",
+                     f"{document['pictures_asked']} photos or more; {100.0 * OVERLAP_FRACTION:g} % are required for "
+                     f"an overlap of {query.overlap}",
             )
         )  # fmt: skip
     if camera.min_interval_s is not None and pictures.least_gap_s < camera.min_interval_s - 1e-6:
@@ -275,7 +275,8 @@ def _findings(
         found.append(
             CheckFinding(
                 kind="pictures", weight="breaks", items=(item, item), by=camera.min_interval_s - pictures.least_gap_s, unit="s",
-                what=f"a photo every {pictures.least_gap_s:.2f} s, {camera.name} takes {camera.min_interval_s:g} s between two",
+                what=(f"a photo every {pictures.least_gap_s:.2f} s, but {camera.name} needs {camera.min_interval_s:g} "
+                     "s between photos"),
                 do="fly slower, or take fewer photos",
             )
         )  # fmt: skip

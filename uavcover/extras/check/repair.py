@@ -165,14 +165,14 @@ def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
     wanted = ".plan" if file.suffix.lower() == ".plan" else ".waypoints"
     if out is None:
         raise InputError(
-            f"--fix: name another file for the repaired mission with -o, such as {file.stem}-fixed{wanted}"
+            f"--fix: specify another file for the repaired mission with -o, such as {file.stem}-fixed{wanted}"
         )
     if out.suffix.lower() != wanted:
-        raise InputError(f"-o: {out}: repairs of a {file.suffix} file are written as {wanted}; name it so")
+        raise InputError(f"-o: {out}: repairs of a {file.suffix} file are written as {wanted}; use this suffix")
     if out.exists() and out.samefile(file):
-        raise OutputError(f"-o: {out} is the mission itself; give another name")
+        raise OutputError(f"-o: {out} is the mission itself; use another name")
     if out.exists() and not force:
-        raise OutputError(f"{out}: already exists; choose another name, or --force to replace it")
+        raise OutputError(f"{out}: this file already exists; choose another name, or use --force to replace it")
     return out
 
 
@@ -200,7 +200,7 @@ def repair_mission(
     most = query.most_items
     is_long = most is not None and len(mission.items) > most
     if not fixed.raised and not fixed.inserted and not is_long:
-        user.say("nothing that plain repairs would change; no file was written")
+        user.say("simple repairs would not change the mission; no file was written")
         return ()
     if mission.home is None:
         mission = dataclasses.replace(mission, home=GeoPoint(*world.geodetic([0.0, 0.0, 0.0])))
@@ -211,10 +211,10 @@ def repair_mission(
         names = [out.with_name(numbered(out, number)) for number in range(1, len(parts) + 1)]
         there = next((name for name in names if name.exists()), None)
         if there is not None and not force:
-            raise OutputError(f"{there}: already exists; choose another name, or --force to replace it")
+            raise OutputError(f"{there}: this file already exists; choose another name, or use --force to replace it")
     for name, part in zip(names, parts, strict=True):
         _write(query.file, name, part)
-    changes = f"{_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} put in"
+    changes = f"{_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} inserted"
     split = f"; {len(parts)} flights of {max(len(part.items) for part in parts)} items at most" if is_long else ""
     user.say(f"written: {', '.join(map(str, names))}: {changes}{split}")
     return tuple(names)

@@ -142,18 +142,22 @@ def _finding(
     enough_m: float,
 ) -> CheckFinding:  # fmt: skip
     name = _HEIGHT_NAMES.get((aircraft.autopilot, aircraft.has_wings), "RTL_RETURN_ALT")
-    assumed = f"; {name} is taken as its default, {settings['return_height_m']:g} m" if name in settings.assumed else ""
+    assumed = (
+        f"; {name} is assumed to have its default, {settings['return_height_m']:g} m"
+        if name in settings.assumed
+        else ""
+    )
     height = (
-        f"set {name} to {math.ceil(enough_m)} m or more, and give it with --return-height"
+        f"set {name} to {math.ceil(enough_m)} m or more, and specify it with --return-height"
         if enough_m < CHECKS.far_m
         else ""
     )
     do = {
-        "terrain": height or "give elevation data below the returns",
+        "terrain": height or "use elevation data that covers the returns",
         "descent": "set the rally point's height, or the height at which the return ends, above the ground there",
-        "unknown ground": "give elevation data below the returns",
-        "obstacle": f"set a higher {name} and give it with --return-height, or take off elsewhere",
-        "fence": "draw the fence wider, or end the mission with a return transit and let nothing but the pilot make it return",
+        "unknown ground": "use elevation data that covers the returns",
+        "obstacle": f"set a higher {name} and specify it with --return-height, or take off elsewhere",
+        "fence": "enlarge the fence, or end the mission with a return transit and disable automatic returns",
         "zone": "take off elsewhere, choose another return altitude, or end the mission with a return transit",
         "battery": "plan a shorter mission, or add a rally point",
     }[one.danger]
@@ -220,26 +224,31 @@ def rally_findings(
         where = (point.lat_deg, point.lon_deg, float(alt) if math.isfinite(alt) else world.home_alt_amsl_m)
         if not math.isfinite(high):
             found.append(
-                _rally(number, where, "unknown", 0.0, "its height or the ground there is unknown", "give both")
+                _rally(number, where, "unknown", 0.0, "its height or the ground there is unknown", "specify both")
             )
         elif high < -CHECKS.ground_tolerance_m:
             found.append(
                 _rally(
-                    number, where, "breaks", -high, f"it is {-high:.0f} m below the ground", "give a height above it"
+                    number,
+                    where,
+                    "breaks",
+                    -high,
+                    f"it is {-high:.0f} m below the ground",
+                    "use a height above the ground",
                 )
             )
         elif amsl:
             found.append(
                 _rally(
                     number, where, "breaks", high - highest,
-                    f"{point.alt_m:.0f} m above home is {high:.0f} m above ground; the number is a height above sea level",
-                    "give it above home (frame 3), or in frame 0",
+                    f"{point.alt_m:.0f} m above home is {high:.0f} m above ground; this value is a height above sea level",
+                    "specify it above home (frame 3), or in frame 0",
                 )
             )  # fmt: skip
         elif high > highest:
             found.append(
                 _rally(
-                    number, where, "breaks", high - highest, f"it is {high:.0f} m above ground", "give a lower height"
+                    number, where, "breaks", high - highest, f"it is {high:.0f} m above ground", "use a lower height"
                 )
             )
         if fence is not None and not bool(shapely.covers(fence, shapely.Point(east, north))):

@@ -31,7 +31,7 @@ def read_route_file(path: Path) -> PointRoute | None:
         return None
     try:
         if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"{path}: is larger than {MOST_BYTES:,} bytes; save only the route")
+            raise InputError(f"{path}: the file is larger than {MOST_BYTES:,} bytes; save only the route")
         if suffix == ".kmz":
             return _read_kmz(path)
         text = text_from_bytes(path.read_bytes()).text
@@ -42,7 +42,7 @@ def read_route_file(path: Path) -> PointRoute | None:
         where = f"{path}: {error.where}" if error.where else str(path)
         raise FormatError(error.what, where=where, advice=error.advice) from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or type(error).__name__})") from error
+        raise InputError(f"{path}: the file cannot be read ({error.strerror or type(error).__name__})") from error
 
 
 def _read_kmz(path: Path) -> PointRoute:
@@ -50,8 +50,8 @@ def _read_kmz(path: Path) -> PointRoute:
     flight = entry_of(path, wpml_reader.DOCUMENT)
     if flight is None and entry_of(path, wpml_reader.TEMPLATE) is not None:
         raise FormatError(
-            f"holds DJI's template ({wpml_reader.TEMPLATE}) and no {wpml_reader.DOCUMENT}, which is what aircraft fly",
-            advice="export the flight from DJI Pilot 2 or FlightHub, or give the area in it to new",
+            f"the file contains DJI's template ({wpml_reader.TEMPLATE}) but no {wpml_reader.DOCUMENT}, which the aircraft flies",
+            advice="export the flight from DJI Pilot 2 or FlightHub, or use its area with new",
         )  # fmt: skip
     if flight is not None:
         return wpml_reader.read_route(text_from_bytes(flight).text)

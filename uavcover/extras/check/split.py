@@ -61,7 +61,7 @@ def parts_of(
         body = ways[places[begin] :] if is_last else ways[places[begin] : places[end] + 1]
         if len(body) > room or (end == begin and len(body) < rest):
             raise InputError(
-                f"--max-items: {most_items} items have no room for take-off, outbound transit, a leg and return transit"
+                f"--max-items: {most_items} items are not enough for take-off, outbound transit, a leg and return transit"
             )
         tail = [_stop(one) for one in _held((*held, *body)) if one.command in _TRIGGERS]
         home = _way_home(mission, ways[places[end]], world, limits)
@@ -81,13 +81,13 @@ def _refuse_what_is_not_plain(mission: Mission, aircraft: Aircraft) -> tuple[int
         )
 
     if aircraft.has_wings:
-        raise refuse(0, "wings need a runway for each part")
+        raise refuse(0, "each part of a fixed-wing mission needs a runway")
     takeoffs = [k for k, item in enumerate(mission.items) if item.command == Command.NAV_TAKEOFF]
     if len(takeoffs) != 1:
         raise refuse(0, f"the mission has {len(takeoffs)} take-offs")
     last = next((k for k, item in enumerate(mission.items) if item.command in _ENDS), len(mission.items))
     if last + 1 < len(mission.items):
-        raise refuse(last + 2, "comes after the end")
+        raise refuse(last + 2, "follows the end of the mission")
     for number, item in enumerate(mission.items[:last], 1):
         if item.command == Command.NAV_WAYPOINT:
             has_place = math.isfinite(item.lat_deg + item.lon_deg + item.alt_m) and (item.lat_deg, item.lon_deg) != (
@@ -119,7 +119,7 @@ def _refuse_another_landing(mission: Mission, world: World) -> None:
     if (landing.lat_deg, landing.lon_deg) == (0.0, 0.0):
         place = [item for item in mission.items if item.command == Command.NAV_WAYPOINT][-1]
     if math.hypot(*world.place(place.lat_deg, place.lon_deg)) > REPAIR.at_home_m:
-        raise InputError("--fix: the mission lands elsewhere than at home: it is not split; split it manually")
+        raise InputError("--fix: the mission does not land at home: it is not split; split it manually")
 
 
 def _held(items: tuple[MissionItem, ...]) -> list[MissionItem]:
@@ -156,7 +156,9 @@ def _over_m(point: MissionItem, world: World, limits: Limits) -> float:
     line = world.at_alts(t * np.array([east, north]), world.home_alt_amsl_m)
     ranges = world.leg_height_ranges_m(line)
     if not np.isfinite(ranges[:, 0]).all():
-        raise InputError("--fix: the elevation data ends before the path to a part does; give more of it")
+        raise InputError(
+            "--fix: the elevation data does not cover the whole path to a part; use elevation data of a larger area"
+        )
     needed_m = limits.min_height_agl_m + REPAIR.spare_m - float(ranges[:, 0].min())
     return math.ceil(max(needed_m, _above_home_m(point, world)))
 

@@ -102,7 +102,7 @@ def export(
         return _list(console)
     if run is None or file_format is None or out is None:
         raise InputError(
-            "export: give a run folder, --format and -o, such as: uavcover export run --format gpx -o run.gpx"
+            "export: specify a run folder, --format and -o, such as: uavcover export run --format gpx -o run.gpx"
         )
     if file_format not in (*mission_formats(), "print"):
         known = ", ".join((*mission_formats(), "print"))
@@ -117,7 +117,7 @@ def export(
         return _print(console, RunFolder(run), request, paper)
     for name, value in paper.given.items():
         if value is not None:
-            raise InputError(f"{name}: requires --format print, not {file_format}")
+            raise InputError(f"{name}: this option requires --format print, not {file_format}")
     written = export_mission(RunFolder(run), request)
     what = "points" if file_format in CONTROLLER_POINTS else "items"
     for file in written:
@@ -141,7 +141,9 @@ def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper
     from uavcover.extras.exports.print_page import PrintNotes, print_plan
 
     if request.out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"-o: {request.out}: print is an HTML page; name it .html, and save it as PDF from a browser")
+        raise InputError(
+            f"-o: {request.out}: print writes an HTML page; use the suffix .html, and save it as PDF from a browser"
+        )
     notes = PrintNotes(pilot=paper.pilot, contact=paper.contact, weather=paper.weather)
     flights = print_plan(run, request, notes)
     console.say(f"written: {request.out}")
@@ -152,9 +154,9 @@ def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper
 def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[ExportedFile, ...]") -> None:
     """Report what a list of points cannot contain, and what the pilot has to do."""
     console.say("heights are above the take-off position: start it on the ground at the plan's home")
-    console.say("it stops at each point; the last one is straight above home, and it lands there")
+    console.say("the aircraft stops at each point; the last point is straight above home, where it lands")
     console.say(
-        f"its highest point is {max(file.flight.highest_m for file in written):.0f} m above home: the app must allow it"
+        f"the highest point is {max(file.flight.highest_m for file in written):.0f} m above home: the app must allow this height"
     )
     if not any(file.flight.pictures for file in written):
         console.say("the scenario has no trigger distance, so the file takes no photos: trigger the camera manually")
@@ -208,7 +210,7 @@ def _aircraft(row: dict[str, Any], *, where: str) -> DjiAircraft:
         raise InputError(f"{where}: image_format: {unknown[0]!r} is not one of {', '.join(IMAGE_FORMATS)}")
     low_deg, high_deg = (_number(value, "pitch_range_deg", where) for value in _two(row, "pitch_range_deg", where))
     if not -180.0 <= low_deg < high_deg <= 180.0:
-        raise InputError(f"{where}: pitch_range_deg: give the lowest angle, then the highest, such as [-90, 30]")
+        raise InputError(f"{where}: pitch_range_deg: write the lowest angle, then the highest, such as [-90, 30]")
     kind, subkind = (_whole(value, "drone", where) for value in _two(row, "drone", where))
     speed_m_s = number_of(row, "max_speed_m_s", where=where)
     return DjiAircraft(

@@ -142,7 +142,7 @@ def refuse_unlike(site: Site, run: RunFolder, sortie: int | None) -> None:
     """
     if sortie is None and site.scenario.vehicles:
         raise InputError(
-            f"{run}: its vehicles differ, so each flight has its own home; export one at a time, with --sortie N"
+            f"{run}: the vehicles differ, so each flight has its own home; export one flight at a time, with --sortie N"
         )
 
 
@@ -192,8 +192,8 @@ def write_exported(out: Path, contents: Mapping[str, bytes], *, force: bool, old
         left = [name for name in older if name not in contents]
         if left:
             raise OutputError(
-                f"{out.parent / left[0]}: belongs to another export and would be mistaken for a part of this one "
-                f"({', '.join(contents)}); remove it, or use another name"
+                f"{out.parent / left[0]}: this file belongs to another export and could be mistaken for a part of "
+                f"this one ({', '.join(contents)}); remove it, or use another name"
             )
         try:
             folder.write_together(contents)
@@ -217,21 +217,23 @@ def _check(request: ExportRequest) -> None:
         raise InputError(f"--format: {request.file_format!r} is not one of {', '.join(mission_formats())}")
     if request.file_format == "wpml" and request.aircraft is None:
         raise InputError(
-            "--format wpml: needs the aircraft, such as --drone dji-m3e (uavcover export --drone list shows all)"
+            "--format wpml: this requires the aircraft, such as --drone dji-m3e (uavcover export --drone list shows all)"
         )
     if request.file_format != "wpml" and request.aircraft is not None:
-        raise InputError(f"--drone: requires --format wpml, not {request.file_format}")
+        raise InputError(f"--drone: this option requires --format wpml, not {request.file_format}")
     if request.heights not in (TAKEOFF_HEIGHTS, ELLIPSOID_HEIGHTS):
-        raise InputError(f"--heights: {request.heights!r} is not known; give takeoff or ellipsoid")
+        raise InputError(f"--heights: {request.heights!r} is not known; use takeoff or ellipsoid")
     if request.heights == ELLIPSOID_HEIGHTS and request.file_format != "wpml":
-        raise InputError(f"--heights ellipsoid: requires --format wpml, not {request.file_format}")
+        raise InputError(f"--heights ellipsoid: this option requires --format wpml, not {request.file_format}")
     if request.file_format == "wpml" and request.out.suffix.lower() != ".kmz":
-        raise InputError(f"-o: {request.out} is not a .kmz file, as DJI's apps want it; name it mission.kmz")
+        raise InputError(
+            f"-o: {request.out} is not a .kmz file, which DJI's apps require; use a name such as mission.kmz"
+        )
     most = request.most_points
     if most is not None and most < _FEWEST_POINTS:
         raise InputError(f"--max-waypoints-per-file: {most} is too few for a leg with its transits")
     if most is not None and request.file_format == "litchi" and most > MOST_WAYPOINTS:
-        raise InputError(f"--max-waypoints-per-file: Litchi takes {MOST_WAYPOINTS} at most, not {most}")
+        raise InputError(f"--max-waypoints-per-file: the limit of Litchi is {MOST_WAYPOINTS}, not {most}")
 
 
 def _flight_file(
@@ -271,8 +273,8 @@ def _absolute_heights(site: Site, flight: CameraFlight) -> AbsoluteHeights:
     terrain = site.scenario.terrain
     if isinstance(terrain, RasterTerrain) and terrain.vertical_datum == "EGM2008":
         raise InputError(
-            "--heights ellipsoid: the plan's heights are above EGM2008, and DJI's file has them above EGM96 and the ellipsoid; "
-            "export with --heights takeoff, or plan on a model in EGM96"
+            "--heights ellipsoid: the plan's heights are above EGM2008, but DJI's file requires heights above EGM96 "
+            "and the ellipsoid; export with --heights takeoff, or plan on a model in EGM96"
         )
     try:
         undulation = Undulation()
@@ -300,11 +302,11 @@ def _warnings_of_return(advice: ReturnAdvice, height_m: float) -> tuple[str, ...
     found = []
     if not math.isfinite(advice.safe_return_height_m):
         found.append(
-            f"a straight return at {height_m:g} m crosses ground without elevation data; let it come home along the route"
+            f"a straight return at {height_m:g} m crosses ground without elevation data; let the aircraft return along the route"
         )
     if advice.no_fly:
         found.append(
-            f"a straight return enters no-fly zone {', '.join(advice.no_fly)}; let it come home along the route"
+            f"a straight return enters no-fly zone {', '.join(advice.no_fly)}; let the aircraft return along the route"
         )
     return tuple(found)
 
@@ -328,8 +330,9 @@ def _flights_with_stops(
         if most < _FEWEST_POINTS:
             break
     raise InfeasibleError(
-        f"with a stop at each point a flight takes {times_s[worst]:.0f} s, {longest_flight_in_words(site.scenario.vehicle)}; "
-        "plan with fewer waypoints (--max-waypoints), or a smaller area"
+        f"with a stop at each point a flight takes {times_s[worst]:.0f} s, but "
+        f"{longest_flight_in_words(site.scenario.vehicle)}; plan with fewer waypoints (--max-waypoints), or a "
+        "smaller area"
     )
 
 

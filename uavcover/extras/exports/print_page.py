@@ -176,7 +176,7 @@ def _limits(site: Site, flights: Sequence[Sortie]) -> list[tuple[str, str]]:
         ("Battery", "" if vehicle.endurance_s is None else (
             f"{clock(vehicle.endurance_s)} min of hovering when full, {vehicle.reserve_fraction:.0%} in reserve"
         )),
-        ("No-fly zones in force", ", ".join(f"{zone.name} ({zone.heights_in_words()})" for zone in site.zones)),
+        ("Active no-fly zones", ", ".join(f"{zone.name} ({zone.heights_in_words()})" for zone in site.zones)),
     ]  # fmt: skip
     return [(name, text) for name, text in rows if text]
 

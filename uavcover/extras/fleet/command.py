@@ -32,7 +32,7 @@ from uavcover.verification.shared_clock import shared_times
 from uavcover.verification.verify import flown_coverage
 
 _FIRST_STOP = (
-    "stopping: all vehicles hold, then return along checked legs, one after the other; repeat to "
+    "stopping: all vehicles hold their positions, then return along checked legs, one after the other; repeat to "
     "keep all holding; a third time aborts immediately"
 )
 
@@ -140,7 +140,7 @@ def _speed(links: Sequence[VehicleLink]) -> float:
     if len(mocks) == len(links):
         return links[0].mock_speed
     if any(link.mock_speed != 1.0 for link in mocks):
-        raise InputError("--to: mock: and other vehicles fly together only at --mock-speed 1")
+        raise InputError("--to: mock: and other vehicles can fly together only at --mock-speed 1")
     return 1.0
 
 
@@ -161,7 +161,7 @@ def _close_gaps(run: RunFolder, flight: FleetFlight, user: User, command: Sequen
     """The mission of the unobserved cells, where some are left."""
     if not flight.work.left or flight.called_off or flight.aborted:
         return None
-    user.say("planning a separate mission for the rest of the lost vehicle:")
+    user.say("planning a separate mission for the remaining route of the lost vehicle:")
     try:
         _, document = close_gaps(run, user, GapRequest(force=True), command=command)
     except UavcoverError as error:
@@ -218,7 +218,7 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
         times = shared_times(track)
         if times is None:
             raise InputError(
-                f"{folder.file(TRACK)}: has no arrival times of its positions, so {FLEET_RECORDING} is omitted"
+                f"{folder.file(TRACK)}: the track has no arrival times of its positions, so {FLEET_RECORDING} is omitted"
             )
         own, flown_plan = read_planned(folder)
         eyes = coverage if own.scenario.sensor == site.scenario.sensor else judging_map(own)

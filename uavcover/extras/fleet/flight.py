@@ -71,7 +71,7 @@ class FleetOrders:
 
 
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
-_IN_ORDER = "give --to in the order of the vehicles, vehicle 1 first"
+_IN_ORDER = "use --to in the order of the vehicles, vehicle 1 first"
 
 
 class FleetFlight:
@@ -118,7 +118,7 @@ class FleetFlight:
                     if job is None and not self.work.queues.work_may_come(vehicle):
                         break
                     if job is None:
-                        row.does = "stands ready"
+                        row.does = "is ready"
                         clock.wait(_LOOK_EVERY_S)
                         continue
                     self.work.current[vehicle] = job
@@ -223,7 +223,7 @@ class FleetFlight:
         wanted = job.site.scenario.vehicle.autopilot
         if connected.autopilot != wanted and len({site.scenario.vehicle.autopilot for site in sites.values()}) > 1:
             raise VehicleError(
-                f"{connected.url} leads to {connected.autopilot}, and vehicle {job.vehicle} is planned for {wanted}; {_IN_ORDER}"
+                f"{connected.url} leads to {connected.autopilot}, but vehicle {job.vehicle} is planned for {wanted}; {_IN_ORDER}"
             )
         try:
             wait_for_home(connected, job.site, compiled, clock, stopped=lambda: self._stopped)
@@ -288,7 +288,7 @@ class FleetFlight:
                     lacks_since_s = clock.now()
                     self.board.warn(f"vehicle {vehicle}: {lacks} for sortie {job.sortie}: change its battery")
                 elif clock.now() - lacks_since_s > FLEET.new_battery_s:
-                    raise VehicleError(f"{lacks} for {FLEET.new_battery_s:.0f} s; not armed")
+                    raise VehicleError(f"{lacks} for {FLEET.new_battery_s:.0f} s; the vehicle was not armed")
                 return False
             if not self.traffic.start(job.name, clock.now()):
                 return False
@@ -337,7 +337,7 @@ class FleetFlight:
             before, holds = self._holds.get(vehicle, False), self._must_hold(job, vehicle, now)
             self._holds[vehicle] = holds
             if holds is not before:
-                self.board.rows[vehicle].does = "lets another pass" if holds else "flies"
+                self.board.rows[vehicle].does = "waits for another vehicle" if holds else "flies"
         return self.orders.paused() or self._holds.get(vehicle, False)
 
     def _must_hold(self, job: Job, vehicle: int, now: float) -> bool:
@@ -378,7 +378,7 @@ class FleetFlight:
         with self._lock:
             left = self.work.queues.give_up(vehicle)
             if record.began_s is None and not self.traffic.begun:
-                self.board.warn("one vehicle is not ready, so none starts")
+                self.board.warn("one vehicle is not ready, so no vehicle starts")
                 self.called_off = True
                 return
             self.work.hand_over(record, left, now)

@@ -78,24 +78,25 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
     if flying != vehicles or not isinstance(rows, list) or not rows:
         planned_for = fleet.get("vehicles", 0) if isinstance(fleet, dict) else 1
         more = (
-            "; more would not be done sooner"
+            "; more vehicles would not finish sooner"
             if planned_for >= vehicles > flying
             else f", or plan it with: uavcover plan SCENARIO --vehicles {vehicles}"
         )
         raise InputError(
-            f"{run}: is flown by {flying} vehicle{'' if flying == 1 else 's'}, and --to names {vehicles}; give --to "
-            f"{'once' if flying == 1 else f'{flying} times'}{more}"
+            f"{run}: the plan is for {flying} vehicle{'' if flying == 1 else 's'}, but --to names {vehicles}; use "
+            f"--to {'once' if flying == 1 else f'{flying} times'}{more}"
         )
     try:
         asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: sorties is none ({type(error).__name__}: {error}); create it again with: uavcover plan"
+            f"{run.file('plan.json')}: sorties is not valid ({type(error).__name__}: {error}); create it again with: "
+            "uavcover plan"
         ) from error
     jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in asked]
     flyers, all_of_them = {job.vehicle for job in jobs}, set(range(1, vehicles + 1))
     if flyers != all_of_them and (alike or not flyers < all_of_them):
-        raise InputError(f"{run.file('plan.json')}: sorties name other vehicles than 1 to {vehicles}; plan again")
+        raise InputError(f"{run.file('plan.json')}: the vehicles of the sorties are not 1 to {vehicles}; plan again")
     return sorted(jobs, key=lambda job: (job.planned_s, job.sortie))
 
 
@@ -180,7 +181,7 @@ def time_for(job: Job, route: Route, site: Site) -> float:
         InfeasibleError: that vehicle sees something else, a leg breaks a limit of it, or the flight takes it too long.
     """
     if job.site.scenario.sensor != site.scenario.sensor:
-        raise InfeasibleError("it is planned for another sensor than those of the vehicles that are left")
+        raise InfeasibleError("it is planned for a sensor that the remaining vehicles do not have")
     return job.timeline.duration_s if is_for(job, site) else _planned_use(site, route)[0].duration_s
 
 
@@ -191,7 +192,7 @@ def require_gain(job: Job, rest: Job) -> None:
         InfeasibleError: barely less is left than the flight had to fly.
     """
     if len(rest.route) >= len(job.route) and rest.route.length_m > job.route.length_m - FLEET.least_gain_m:
-        raise InfeasibleError("a battery lasts there and back, and for nothing between")
+        raise InfeasibleError("a battery lasts only for the transits")
 
 
 @dataclass(slots=True)

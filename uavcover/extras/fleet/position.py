@@ -22,7 +22,7 @@ class FleetPhase(Enum):
     FLYING = "flies"
     HOLDING = "holds, on its return"
     HOMEWARD = "returns"
-    DOWN = "is down"
+    DOWN = "has landed"
     LOST = "is lost"
 
 

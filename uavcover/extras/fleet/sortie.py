@@ -129,8 +129,8 @@ def require_own_mission(connected: Connected, compiled: CompiledMission, urls: S
     fault = fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot))
     if fault is not None:
         raise VehicleError(
-            f"system {connected.client.vehicle.system_id} at {connected.url} has another sortie than the assigned one ({fault}): "
-            f"--to {', '.join(sorted(urls))} may lead to the same vehicle; nothing was armed"
+            f"system {connected.client.vehicle.system_id} at {connected.url} does not have the assigned sortie "
+            f"({fault}): --to {', '.join(sorted(urls))} may lead to the same vehicle; no vehicle was armed"
         )
 
 
@@ -153,7 +153,7 @@ def pace_home_m_s(site: Site) -> tuple[float, float]:
 def places_m(mission: Mission, site: Site) -> FloatArray:
     """(k, 3) ENU, the positions of a mission home; at least two."""
     if site.frame is None or mission.home is None:
-        raise InputError(f"scenario {site.scenario.name}: has no position on Earth")
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth")
     places = [
         site.frame.enu_from_geodetic(
             item.lat_deg,
@@ -167,8 +167,8 @@ def places_m(mission: Mission, site: Site) -> FloatArray:
 
 
 _STAYS_OUT = (
-    "it gets no more sorties, because its state is unknown and its sorties are reassigned; check "
-    "it, and fly the rest at the end"
+    "it gets no more sorties, because its state is unknown and its sorties are reassigned; check it, and fly the "
+    "remaining sorties at the end"
 )
 
 
@@ -201,9 +201,9 @@ class LostVehicle:
         where = f"at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
         if is_down(self._connected):
             self._traffic.landed(self._job.name, now)
-            return f"is heard again, on the ground {where}; {_STAYS_OUT}"
+            return f"sends messages again, on the ground {where}; {_STAYS_OUT}"
         self._traffic.moved(self._job.name, now, np.asarray(place_m))
-        again = f"is heard again, in the air {where}; the others keep apart from it; {_STAYS_OUT}"
+        again = f"sends messages again, in the air {where}; the others keep their distance; {_STAYS_OUT}"
         message, self._heard = None if self._heard else again, True
         return message
 
@@ -257,6 +257,6 @@ class ReserveWatch:
         reserve = 100.0 * use.vehicle.reserve_fraction
         return (
             f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
-            f"{home_s:.0f} s and the rest of the sortie {rest_s:.0f} s, which would use the reserve of {reserve:.0f} %; it "
-            "flies home, and another sortie goes on here"
+            f"{home_s:.0f} s and the remaining sortie {rest_s:.0f} s, which would use the reserve of {reserve:.0f} "
+            "%; it flies home, and another sortie continues here"
         )

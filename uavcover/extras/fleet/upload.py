@@ -48,7 +48,8 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
     require_at_once(fleet, run)
     if isinstance(fleet, dict) and not fleet.get("alike", True) and fleet.get("vehicles") != count:
         raise InputError(
-            f"{run}: its {fleet.get('vehicles')} vehicles differ, and --to names {count}; give the link of each, vehicle 1 first"
+            f"{run}: the {fleet.get('vehicles')} vehicles differ, but --to names {count}; specify the link of each, "
+            "vehicle 1 first"
         )
     unlike = isinstance(fleet, dict) and not fleet.get("alike", True)
     if count == len(rows) == 1 and not folders:
@@ -56,11 +57,11 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
     if (len(rows) < count and not unlike) or not folders:
         flying = len(rows) if folders else 1
         if isinstance(fleet, dict) and fleet.get("vehicles", 0) >= count:
-            why = f"more would not be done sooner; give --to {'once' if flying == 1 else f'{flying} times'}"
+            why = f"more vehicles would not finish sooner; use --to {'once' if flying == 1 else f'{flying} times'}"
         else:
             why = f"plan it with: uavcover plan SCENARIO --vehicles {count}"
         planned = "one vehicle" if flying <= 1 else f"{flying} vehicles"
-        raise InputError(f"{run}: is flown by {planned}, and --to names {count}; {why}")
+        raise InputError(f"{run}: the plan is for {planned}, but --to names {count}; {why}")
     try:
         return tuple(
             FirstSortie(
@@ -73,7 +74,7 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
         )
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: fleet is none ({type(error).__name__}: {error}); create it again with: uavcover plan"
+            f"{run.file('plan.json')}: fleet is not valid ({type(error).__name__}: {error}); create it again with: uavcover plan"
         ) from error
 
 
@@ -89,7 +90,7 @@ def links_that_fly(run: RunFolder, links: Sequence[VehicleLink], user: User) -> 
     rows = fleet.get("by_vehicle", []) if isinstance(fleet, dict) and fleet.get("alike", True) else []
     flying = len(rows) or len(links)
     if flying < len(links):
-        user.warn(f"nothing is uploaded to {', '.join(link.url for link in links[flying:])}: not needed")
+        user.warn(f"no mission is uploaded to {', '.join(link.url for link in links[flying:])}, which is not needed")
     return list(links[:flying])
 
 
@@ -105,7 +106,7 @@ def require_at_once(fleet: object, run: RunFolder) -> None:
     """
     if isinstance(fleet, dict) and fleet.get("one_at_a_time", False):
         raise InputError(
-            f"{run}: its flights are planned one at a time; give one --to, and --sortie N, in the order of the plan"
+            f"{run}: the flights are planned one at a time; use one --to, and --sortie N, in the order of the plan"
         )
 
 
@@ -139,10 +140,10 @@ def upload_fleet(
                 vehicle = opened.enter_context(connect(link, site))
                 require_multirotor(vehicle.client)
                 if vehicle.client.vehicle.armed and not in_flight:
-                    raise VehicleError("it is armed; a mission is uploaded to an armed vehicle only with --in-flight")
+                    raise VehicleError("the vehicle is armed; uploading to an armed vehicle requires --in-flight")
                 check_home(vehicle, site, compile_plan(site, planned.route, autopilot=vehicle.autopilot))
             except Exception:
-                user.warn(f"vehicle {sortie.vehicle} at {link.url}: not ready; nothing was uploaded to any vehicle")
+                user.warn(f"vehicle {sortie.vehicle} at {link.url}is not ready; no mission was uploaded to any vehicle")
                 raise
             vehicles.append(vehicle)
         for sortie, vehicle, (site, planned) in zip(sorties, vehicles, plans, strict=True):
@@ -151,7 +152,7 @@ def upload_fleet(
                 sent = send_and_compare(sortie.folder, site, planned.route, vehicle, user, in_flight=in_flight)
             except BaseException:
                 held = ", ".join(str(document["vehicle"]) for document in documents) or "none"
-                user.warn(f"vehicle {sortie.vehicle}: the upload failed; vehicles that hold their sortie: {held}")
+                user.warn(f"vehicle {sortie.vehicle}: the upload failed; vehicles that have their sortie: {held}")
                 raise
             documents.append(
                 {"vehicle": sortie.vehicle, "sortie": sortie.sortie, "takeoff_s": sortie.takeoff_s}

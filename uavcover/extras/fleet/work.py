@@ -79,14 +79,14 @@ class FleetWork:
             if record is not None and record.keeps_reserve:
                 require_gain(job, part)
         except (UavcoverError, MissionIoError) as error:
-            what = "sortie" if record is None else "the rest of sortie"
+            what = "sortie" if record is None else "the remaining part of sortie"
             self._board.warn(f"{what} {job.sortie} remains as a gap: {error}")
             self.left.append(job.name)
             return
         since_s = self._traffic.since_first_s(now) + ready_s - now
         taken = part.of(vehicle, planned_s=max(part.planned_s, since_s))
         self._enqueue(taken)
-        what = "the rest of sortie" if part.is_rest else "sortie"
+        what = "the remaining part of sortie" if part.is_rest else "sortie"
         self._board.say(
             f"vehicle {vehicle} takes over {what} {part.sortie}: {len(part.route)} waypoints, at about {taken.planned_s:.0f} s"
         )

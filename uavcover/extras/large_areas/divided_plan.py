@@ -16,7 +16,7 @@ from uavcover.errors import InputError
 from uavcover.extras.large_areas.kept_parts import KeptParts
 from uavcover.extras.large_areas.memory import at_a_time_within, in_words, memory_need, parts_within
 from uavcover.extras.large_areas.part_search import PartTask, search_part
-from uavcover.extras.large_areas.planner import (
+from uavcover.extras.large_areas.plan_by_parts import (
     RunTasks,
     most_parts,
     part_count,
@@ -53,8 +53,8 @@ def divided(site: Site, settings: PlannerSettings, request: SearchRequest) -> Di
     processes = None if scheduler is None else local_count(scheduler)
     if scheduler is not None and processes is None:
         raise InputError(
-            f"--memory: limits this machine, not the workers of {scheduler} are not; limit them there, with: "
-            "dask worker --memory-limit"
+            f"--memory: this limits only this machine; limit the workers of {scheduler} with: dask worker "
+            "--memory-limit"
         )
     need = memory_need(site, processes=scheduler is not None)
     given = request.parts not in (None, "auto")
@@ -83,7 +83,7 @@ def plan_divided(
     kept: Path | None,
     or_sorties: bool,
 ) -> Plan:
-    """Plan a site by its parts: see :func:`uavcover.extras.large_areas.planner.plan_by_parts`."""
+    """Plan a site by its parts: see :func:`uavcover.extras.large_areas.plan_by_parts.plan_by_parts`."""
     with (
         ThreadPoolExecutor(division.threads) as executor,
         part_searchers(division.scheduler, executor, threads=division.threads, should_stop=should_stop) as (

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from uavcover.extras.large_areas.part_search import PartTask
-from uavcover.extras.large_areas.planner import RunTasks
+from uavcover.extras.large_areas.plan_by_parts import RunTasks
 from uavcover.kernels.arrays import FloatArray
 from uavcover.run.file_group import remove_half_written, write_file
 from uavcover.run.program import program

@@ -97,13 +97,13 @@ def parts_within(need: MemoryNeed, limit: int, *, parts: int, most_parts: int, g
     enough = next((count for count in range(parts, most + 1) if need.total(count, 1) <= limit), None)
     if enough is None:
         raise InputError(
-            f"--memory: planning {need.cells:,.0f} cells takes about {in_words(need.total(most, 1))} at least; give that "
-            "much, or set a larger area.cell_size_m"
+            f"--memory: planning {need.cells:,.0f} cells takes at least about {in_words(need.total(most, 1))}; allow "
+            "this amount, or set a larger area.cell_size_m"
         )
     if given:
         raise InputError(
-            f"--memory: {parts} {'parts take' if parts > 1 else 'part takes'} about {in_words(need.total(parts, 1))}; "
-            f"--parts {enough} would do, or --parts auto"
+            f"--memory: {parts} {'parts take' if parts > 1 else 'part takes'} about "
+            f"{in_words(need.total(parts, 1))}; use --parts {enough} or --parts auto"
         )
     return enough
 

@@ -18,7 +18,7 @@ import shapely
 from shapely.affinity import affine_transform
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.vehicle_parts import Piece, polygons_of
+from uavcover.scenario.vehicle_areas import Piece, polygons_of
 
 _NEAREST = 0.6
 """A flight begins and ends to see so near to home, in widths of a strip: what is nearer is seen on the way."""

@@ -29,7 +29,7 @@ from uavcover.planner.baselines.adaptive_swaths import (
 from uavcover.planner.baselines.swaths import SwathLayout, long_side_angle_rad, to_lines_frame
 from uavcover.planner.search.tuning import TUNED
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import Piece, polygons_of
+from uavcover.scenario.vehicle_areas import Piece, polygons_of
 from uavcover.sensing.coverage_map import CoverageMap
 
 _SHARES = (1 / 32, *TIGHT)

@@ -22,7 +22,7 @@ from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import Piece, polygons_of
+from uavcover.scenario.vehicle_areas import Piece, polygons_of
 from uavcover.sensing.coverage_map import CoverageMap
 
 FEWEST = 4

@@ -62,7 +62,7 @@ class _Terms:
     advice: str
 
 
-_UPLOAD = _Terms("upload", "unknown", "; download shows what it holds now")
+_UPLOAD = _Terms("upload", "unknown", "; download shows its current content")
 _DOWNLOAD = _Terms("download", "unchanged", "")
 
 
@@ -90,7 +90,7 @@ class MavsdkClient(Client):
     def sign_with(self, key: SigningKey, **_: object) -> NoReturn:
         """Refused: MAVSDK 4.1 does not sign."""
         del key
-        raise MisuseError("MAVSDK's client does not sign; use the native client with a signing key")
+        raise MisuseError("MAVSDK's client does not support signing; use the native client with a signing key")
 
     def wait_for_vehicle(
         self, timeout_s: float = 10.0, *, system_id: int | None = None, component_id: int | None = None
@@ -222,7 +222,7 @@ class MavsdkClient(Client):
 
     def _command(self, command: int, params: tuple[float, ...], timeout_s: float, hear: Heard) -> m.CommandAck:
         if len(params) > 7:
-            raise MisuseError(f"command {commands.name_of(command)} with {len(params)} parameters; there are seven")
+            raise MisuseError(f"command {commands.name_of(command)} with {len(params)} parameters; a command has seven")
         seven = (*params, *(0.0,) * (7 - len(params)))
         deadline = self.clock.now() + timeout_s
         while self.clock.now() < deadline:

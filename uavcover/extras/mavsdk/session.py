@@ -133,7 +133,7 @@ class MavsdkSession:
         result = self._mavsdk.add_any_connection("raw://")
         if result != mavsdk.ConnectionResult.SUCCESS:
             self._mavsdk.destroy()
-            raise VehicleError(f"MAVSDK does not begin: {result.name}")
+            raise VehicleError(f"MAVSDK does not start: {result.name}")
         self._mavsdk.subscribe_raw_bytes_to_be_sent(self._outgoing.put)
         self._raw: Any = None
         self._direct: Any = None

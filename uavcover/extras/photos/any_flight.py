@@ -119,7 +119,7 @@ def verify_evidence(
     verdict, document = judge_photos(asked, RunFolder(run.file(PHOTOS)), user, command=command)
     if not evidence.logs and not was_flown(run):
         user.warn(
-            "there is no track of the flight: heights, limits and no-fly zones are not judged, only the coverage by photos"
+            "there is no track of the flight: only the coverage by photos is judged, not heights, limits and no-fly zones"
         )
         return document
     pictures = JudgedPictures(evidence_for_flight(verdict), document)
@@ -139,7 +139,7 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
     )
     texts: dict[Requirement, str] = {
         "coverage": found,
-        "overlap": f"the required overlap, {document['pictures_asked']} photos of every point, is met on "
+        "overlap": f"the required overlap, {document['pictures_asked']} photos of every point, is achieved on "
         f"{percent(document['overlap_fraction'] or 0.0)} of the area, below the required "
         f"{percent(document['overlap_required'] or 0.0)}",
     }
@@ -181,14 +181,14 @@ def run_of_flight(
     """
     if out.file("plan.json").exists():
         raise InputError(
-            f"{out}: is the folder of a plan; give another one with -o, or verify its flight: {to_paste('verify', out)}"
+            f"{out}: this is the folder of a plan; use another one with -o, or verify its flight: {to_paste('verify', out)}"
         )
     for log in evidence.logs:
         if not log.is_file():
-            raise InputError(f"{log}: no such file; give a flight log ({', '.join(LOG_ENDINGS)}), or photos")
+            raise InputError(f"{log}: no such file; use a flight log ({', '.join(LOG_ENDINGS)}), or photos")
         if log.with_name("plan.json").exists():
             raise InputError(
-                f"{log}: is in the folder of its plan; omit --area: "
+                f"{log}: this log is in the folder of its plan; omit --area: "
                 f"{to_paste('verify', log.parent, '--log', log)}, or copy it"
             )
     own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS_WITH_PICTURES and reports_pictures(log))
@@ -202,15 +202,15 @@ def run_of_flight(
         )
         if np.isnan(heights).all():
             raise InputError(
-                f"{evidence.logs[0]}: was flown outside the elevation data, "
-                f"{_away_km(evidence.logs[0], site, evidence.system):.0f} km from the "
-                "area; are latitude and longitude swapped, or is it another area?"
+                f"{evidence.logs[0]}: the flight is outside the elevation data, "
+                f"{_away_km(evidence.logs[0], site, evidence.system):.0f} km from the area; are latitude and "
+                "longitude swapped, or is it another area?"
             )
         flying: FloatArray = heights[heights > _IN_FLIGHT_M]
         if not flying.size:
             raise InputError(
-                f"{evidence.logs[0]}: is nowhere more than {_IN_FLIGHT_M:g} m above the ground of the elevation data: nothing "
-                "flew, or its heights refer to something else"
+                f"{evidence.logs[0]}: the flight is never more than {_IN_FLIGHT_M:g} m above the ground of the "
+                "elevation data: the vehicle did not fly, or its heights have a different datum"
             )
         return flying
 
@@ -245,11 +245,11 @@ def run_of_flight(
         out.write_text("scenario.toml", text)
         _record(out, evidence.logs, command)
     if area.overlap is not None and not overlaps:
-        user.warn(f"--overlap is not judged: {evidence.logs[0].name} reports no photo, and no --photos are given")
+        user.warn(f"--overlap is not judged: {evidence.logs[0].name} reports no photo, and --photos is missing")
     untold = [name for name, given in (("--max-height", area.max_height), ("--no-fly", area.no_fly)) if not given]
     user.say(f"{'scenario':18}{out.file('scenario.toml')}; no plan or fence is known, so neither is judged")
     if untold:
-        user.say(f"{'':18}not judged, because not given: {', '.join(untold)}")
+        user.say(f"{'':18}not judged, because not specified: {', '.join(untold)}")
     return replace(evidence, photos=photos)
 
 

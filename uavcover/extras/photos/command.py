@@ -69,11 +69,11 @@ def judge_photos(
     if search.detection == "list":
         return list_curves(console)
     if not photos:
-        raise InputError("judge-photos: give folders of photos, lists of them or logs, such as DCIM/")
+        raise InputError("judge-photos: specify folders of photos, lists of photos or logs, such as DCIM/")
     if (area is None) == (scenario is None):
-        raise InputError("judge-photos: give either --area (with --dem), or --scenario")
+        raise InputError("judge-photos: specify either --area (with --dem), or --scenario")
     if scenario is not None and survey.given():
-        raise InputError(f"judge-photos: {survey.given()[0]} belongs to --area; the scenario defines it already")
+        raise InputError(f"judge-photos: {survey.given()[0]} requires --area; the scenario already defines it")
     request = PhotoRequest(
         photos=photos, area=None if area is None else survey.request(area, autopilot=None), scenario=scenario,
         assumed=Assumptions(**belief.assumed()), takeoff=belief.place(), coverage=coverage,

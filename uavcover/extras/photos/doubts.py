@@ -135,8 +135,8 @@ def height_doubts(
     under = int((above_m <= 0.0).sum())
     if under:
         doubts.append(
-            f"{under} of {above_m.size} photos lie under the ground (lowest {np.nanmin(above_m):.0f} m): their heights do "
-            "not fit the elevation data; heights above take-off are taken with --takeoff LAT,LON"
+            f"{under} of {above_m.size} photos are below the ground (lowest {np.nanmin(above_m):.0f} m): their "
+            "heights do not match the elevation data; use heights above take-off with --takeoff LAT,LON"
         )
     outside = int(np.isnan(above_m).sum())
     if outside:
@@ -147,24 +147,25 @@ def height_doubts(
     low_m, middle_m, high_m = (float(value) for value in np.percentile(takeoff_m, (5.0, 50.0, 95.0)))
     if high_m - low_m > error_m:
         doubts.append(
-            f"heights above sea level and those above take-off drift apart by {high_m - low_m:.0f} m during the flight: one of "
-            "both is wrong by that, or the photos are of several take-offs"
+            f"heights above sea level and those above take-off drift apart by {high_m - low_m:.0f} m during the "
+            "flight: one of the two is wrong by this amount, or the photos are from several take-offs"
         )
     elif ground_m is not None:
         off_m = middle_m - ground_m
         if abs(off_m) > error_m:
             doubts.append(
-                f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} the ground "
-                "at --takeoff: they are wrong by that (a receiver's error, or another datum), or the position is; heights above "
-                "take-off are taken"
+                f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} "
+                "the ground at --takeoff: they are wrong by this amount (a receiver's error, or a different datum), "
+                "or the position is wrong; heights above take-off are used"
             )
     elif home_en_m is not None and math.isfinite(home_m := _alt_amsl_m(home_en_m, ground, frame)):
         off_m = middle_m - home_m
         if abs(off_m) > error_m:
             doubts.append(
-                f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} the ground "
-                "at the scenario's home: they are wrong by that (a receiver's error, or another datum), or the flight began "
-                "elsewhere; --takeoff LAT,LON takes the heights above take-off instead"
+                f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} "
+                "the ground at the scenario's home: they are wrong by this amount (a receiver's error, or a "
+                "different datum), or the flight began elsewhere; --takeoff LAT,LON selects the heights above "
+                "take-off instead"
             )
     else:
         doubts += _no_ground_there(middle_m, placed.eyes_m, ground, frame, error_m=error_m)
@@ -212,10 +213,10 @@ def _no_ground_there(
     if off_m <= error_m:
         return []
     return [
-        f"heights above sea level put the take-off at {takeoff_m:.0f} m, and the ground within {_AROUND_M:g} m of the photos "
-        f"lies between {lowest_m:.0f} and {highest_m:.0f} m: they are at least {off_m:.0f} m too "
-        f"{'high' if takeoff_m > highest_m else 'low'} (a receiver's error, or another datum); --takeoff LAT,LON takes the "
-        "heights above take-off instead"
+        f"heights above sea level put the take-off at {takeoff_m:.0f} m, but the ground within {_AROUND_M:g} m of "
+        f"the photos lies between {lowest_m:.0f} and {highest_m:.0f} m: they are at least {off_m:.0f} m too "
+        f"{'high' if takeoff_m > highest_m else 'low'} (a receiver's error, or a different datum); --takeoff LAT,LON "
+        "selects the heights above take-off instead"
     ]
 
 
@@ -227,7 +228,7 @@ def direction_doubts(placed: PlacedPictures) -> list[str]:
         names = [picture.name for picture, looks in zip(placed.pictures, up, strict=True) if looks]
         doubts.append(
             f"{len(names)} of {len(up)} cameras look at the horizon or above it, first {names[0]}: their angles have "
-            "another reference, or the gimbal was not turned down"
+            "a different reference, or the gimbal did not point down"
         )
     course = courses_deg(placed.eyes_m)
     yaw = np.degrees(np.arctan2(placed.tops[:, 0], placed.tops[:, 1]))
@@ -238,7 +239,7 @@ def direction_doubts(placed: PlacedPictures) -> list[str]:
     off = np.abs((yaw - course + 90.0) % 180.0 - 90.0)[is_judged]
     if off.size >= _FEW and np.median(off) > _TURNED_DEG:
         doubts.append(
-            f"the tops of the photos lie {np.median(off):.0f} degrees (median) off the line on which they were taken: the "
+            f"the tops of the photos differ by {np.median(off):.0f} degrees (median) from the flight direction: the "
             "camera was turned, or their yaw is not the camera's"
         )
     return doubts

@@ -23,7 +23,7 @@ _LARGEST_XMP = 1_000_000
 _SAME_SHAPE = 0.02
 _JPEG = (".jpg", ".jpeg")
 _TAIL, _LONG_TAIL = 65_536, 16_000_000
-_CUT_OFF = "its file is cut off; copy it from the card again"
+_CUT_OFF = "the file is truncated; copy it from the card again"
 _CAPTURE_IDS = ("CaptureUUID", "CaptureId", "CaptureID", "CaptureGUID")
 """Tags that identify one exposure of a multispectral camera or a rig: DJI, Parrot and MicaSense."""
 _OFF_NADIR_NAMES = {"Camera:Pitch", "Camera:Roll", "Camera:Yaw"}
@@ -46,7 +46,7 @@ def read_picture(path: Path) -> Picture:
                 size = image.size
                 xmp = image.info.get("xmp") or exif.get(ExifTags.Base.XMLPacket)
     except (UnidentifiedImageError, Image.DecompressionBombError) as error:
-        raise TrackError(f"{path}: is not a photo that can be read ({error})") from error
+        raise TrackError(f"{path}: the photo cannot be read ({error})") from error
     except (OSError, ValueError, SyntaxError, TypeError, KeyError, ZeroDivisionError) as error:
         raise TrackError(f"{path}: its metadata is damaged ({type(error).__name__}: {error})") from error
     tags = _xmp(xmp)

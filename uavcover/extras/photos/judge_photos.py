@@ -90,15 +90,15 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
         frame_camera(site.scenario.sensor, source=str(path))
         return site, dump_scenario(site.scenario)
     if request.area is None:
-        raise InputError("judge-photos: give --area with --dem, or --scenario with the survey's file or run folder")
+        raise InputError("judge-photos: specify --area with --dem, or --scenario with the survey's file or run folder")
 
     def height_agl_m(site: Site) -> float:
         placed = placed_in(request, found, site, frame_of(site))
         height_m = float(np.nanmedian(site.ground.heights_agl_m(placed.eyes_m)))
         if not height_m > 0.0:
             raise InputError(
-                f"half of the photos lie {-height_m:.0f} m or more under the ground: their heights do not fit the elevation "
-                "data; give --takeoff LAT,LON if their heights are above take-off, or --geoid-height"
+                f"half of the photos lie {-height_m:.0f} m or more below the ground: their heights do not match the "
+                "elevation data; use --takeoff LAT,LON if their heights are above take-off, or --geoid-height"
             )
         return height_m
 

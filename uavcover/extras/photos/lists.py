@@ -35,11 +35,13 @@ def read_geo_txt(path: Path) -> list[Picture]:
     """
     lines = [(number, line.split()) for number, line in enumerate(_text(path).splitlines(), start=1) if line.strip()]
     if not lines:
-        raise TrackError(f"{path}: is empty; the first line names the projection, such as EPSG:4326")
+        raise TrackError(f"{path}: the file is empty; the first line names the projection, such as EPSG:4326")
     head = " ".join(lines[0][1])
     crs = _projection(head, path)
     if not (crs.is_geographic or crs.is_projected):
-        raise TrackError(f"{path}: line 1: {head[:60]!r} has no map coordinates; name a projection such as EPSG:4326")
+        raise TrackError(
+            f"{path}: line 1: {head[:60]!r} has no map coordinates; specify a projection such as EPSG:4326"
+        )
     to_degrees = None if crs.is_geographic else Transformer.from_crs(crs, _DEGREES, always_xy=True)
     pictures = []
     for number, words in lines[1:]:
@@ -78,9 +80,11 @@ def read_images_json(path: Path) -> list[Picture]:
     try:
         rows = json.loads(_text(path))
     except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
-        raise TrackError(f"{path}: is not JSON ({str(error)[:100]})") from error
+        raise TrackError(f"{path}: the file is not JSON ({str(error)[:100]})") from error
     if not isinstance(rows, list) or not all(isinstance(row, dict) and "filename" in row for row in rows):
-        raise TrackError(f"{path}: is not ODM's list of photos: rows with filename, latitude, longitude, altitude")
+        raise TrackError(
+            f"{path}: the file is not an ODM list of photos: rows with filename, latitude, longitude, altitude"
+        )
     pictures = []
     for row in rows:
         off_nadir = finite(row.get("pitch"))
@@ -129,7 +133,7 @@ def read_mrk(path: Path) -> list[Picture]:
             continue
         row = _MRK.match(line) if len(line) <= _LONGEST_ROW else None
         if row is None:
-            raise TrackError(f"{path}: line {number}: {line[:60]!r} is not a row of DJI's image log")
+            raise TrackError(f"{path}: line {number}: {line[:60]!r} is not a row of a DJI image log")
         values = [float(row[k]) for k in (2, 3, 4, 5, 6, 7, 8, 9)]
         seconds, week, lat, lon, height, north, east, up = values
         pictures.append(
@@ -210,7 +214,7 @@ def read_table(path: Path) -> list[Picture]:
     except FormatError as error:
         raise TrackError(f"{path}: {error}") from error
     if not rows:
-        raise TrackError(f"{path}: is empty; the first row names the columns")
+        raise TrackError(f"{path}: the file is empty; the first row names the columns")
     # ExifTool puts groups before names, as in "XMP:GimbalYawDegree".
     heads = [re.sub(r"[^a-z0-9]", "", head.rpartition(":")[2].casefold()) for head in rows[0][1]]
 
@@ -227,8 +231,8 @@ def read_table(path: Path) -> list[Picture]:
         lacking.append("alt_m")
     if lacking:
         raise TrackError(
-            f"{path}: no column for {', '.join(lacking)}; its columns are {', '.join(rows[0][1])[:100]}; use names such as "
-            "name, latitude, longitude, altitude, yaw, pitch, roll"
+            f"{path}: the file has no column for {', '.join(lacking)}; its columns are "
+            f"{', '.join(rows[0][1])[:100]}; use names such as name, latitude, longitude, altitude, yaw, pitch, roll"
         )
     references, texts = columns(_REFERENCES), columns(_TEXTS)
     return [
@@ -304,4 +308,4 @@ def _text(path: Path) -> str:
     try:
         return text_from_bytes(path.read_bytes()).text
     except FormatError as error:
-        raise TrackError(f"{path}: is not text ({error.what})") from error
+        raise TrackError(f"{path}: the file is not text ({error.what})") from error

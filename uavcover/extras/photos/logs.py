@@ -25,11 +25,11 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
     rows = READERS[path.suffix.lower()](path)
     if rows.pictures is None or not len(rows.pictures):
         raise TrackError(
-            f"{path}: reports no photo (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); verify --log judges its track"
+            f"{path}: the log reports no photo (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); verify --log judges its track"
         )
     pictures = _pictures(path, rows)
     outside = len(rows.pictures) - len(pictures)
-    words = (f"{path.name}: {outside} photos have a time outside its positions, so no height: they do not count",)
+    words = (f"{path.name}: {outside} photos have a time outside the track and therefore no height: they do not count",)
     return pictures, (*rows.warnings, *(words if outside else ()))
 
 
@@ -56,7 +56,7 @@ def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
     )
     reports = reports[inside]
     if not len(reports):
-        raise TrackError(f"{path}: all its photos have a time outside its positions: they have no height")
+        raise TrackError(f"{path}: all photos have a time outside the track and therefore no height")
     lat, lon, alt = (np.interp(reports[:, 0], positions[:, 0], positions[:, k]) for k in (1, 2, 3))
     placed = np.isfinite(reports[:, 1:]).all(axis=1) & (reports[:, 1:] != 0.0).any(axis=1)
     lat, lon = np.where(placed, reports[:, 1], lat), np.where(placed, reports[:, 2], lon)

@@ -26,7 +26,7 @@ def check_geopackage(path: Path, *, force: bool) -> None:
         OutputError: the file is there already and ``force`` was not said.
     """
     if path.suffix.lower() != ".gpkg":
-        raise InputError(f"--gpkg: {path}: a GeoPackage's name ends with .gpkg")
+        raise InputError(f"--gpkg: {path}: the name of a GeoPackage must end in .gpkg")
     try:
         import pyogrio  # noqa: F401
     except ImportError as error:
@@ -35,7 +35,7 @@ def check_geopackage(path: Path, *, force: bool) -> None:
             "pictures.csv contain the same data"
         ) from error
     if path.exists() and not force:
-        raise OutputError(f"{path}: would be overwritten; use --force, or another name")
+        raise OutputError(f"{path}: this file would be overwritten; use --force, or another name")
 
 
 def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bool) -> None:
@@ -53,7 +53,7 @@ def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bo
         tempfile.mkstemp(suffix=".gpkg", prefix=f".{path.stem}-", dir=path.parent) if path.parent.is_dir() else (-1, "")
     )
     if handle < 0:
-        raise OutputError(f"{path}: cannot be written: no such folder")
+        raise OutputError(f"{path}: the file cannot be written: no such folder")
     os.close(handle)
     part = Path(name)
     part.unlink()
@@ -69,7 +69,7 @@ def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bo
             )  # fmt: skip
         part.replace(path)
     except (pyogrio.errors.DataSourceError, OSError) as error:
-        raise OutputError(f"{path}: cannot be written: {' '.join(str(error).split())}") from error
+        raise OutputError(f"{path}: the file cannot be written: {' '.join(str(error).split())}") from error
     finally:
         part.unlink(missing_ok=True)
     user.say(f"written: {path} ({', '.join(LAYERS)})")

@@ -98,7 +98,8 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
     if not same:
         name, why = next(iter(others.items()))
         raise InputError(
-            f"no photo is of the camera; {name}: {why}; give another --camera, or omit it to derive the camera from the photos"
+            f"no photo was taken with the camera; {name}: {why}; use another --camera, or omit it to derive the "
+            "camera from the photos"
         )
     placed = place_pictures(same, frame, assumed)
     if np.isnan(site.ground.heights_agl_m(placed.eyes_m)).all():
@@ -121,15 +122,18 @@ def _of_other_cameras(pictures: Sequence[Picture], sensor: FrameCamera) -> dict[
             long, short = picture.pixels
             if sensor.pixels_across is not None and long != sensor.pixels_across:
                 found[picture.name] = (
-                    f"{long} x {short} pixels: of another camera, which has {sensor.pixels_across} across"
+                    f"{long} x {short} pixels: the photo is from a different camera than that with {sensor.pixels_across} across"
                 )
             elif not abs(long / max(short, 1) / shape - 1.0) <= _SAME_SHAPE:
-                found[picture.name] = f"{long} x {short} pixels: cropped; the camera's sides are as {shape:.2f} to 1"
+                found[picture.name] = (
+                    f"{long} x {short} pixels: the photo is cropped; the aspect ratio of the camera is {shape:.2f} to 1"
+                )
         lens_mm = picture.focal_length_35mm
         if lens_mm is not None and not abs(lens_mm / film_mm - 1.0) <= LENS_DIFFERS:
             found.setdefault(
                 picture.name,
-                f"has the view of {lens_mm:.0f} mm on 35 mm film, the camera as {film_mm:.0f} mm: another lens or zoom",
+                f"has the field of view of {lens_mm:.0f} mm on 35 mm film, but the camera has that of {film_mm:.0f} "
+                "mm: the lens or zoom differs",
             )
     return found
 
@@ -152,7 +156,7 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     sensor = frame_camera(site.scenario.sensor, source=f"scenario {site.scenario.name}")
     if request.detection is not None and sensor.pixels_across is None:
         raise InputError(
-            "--detection: the scenario's sensor has no pixels_across, so the resolution of photos is not known; add it"
+            "--detection: the scenario's sensor has no pixels_across, so the resolution of photos is unknown; add it"
         )
     seeing = _whole(request, site, sensor, placed)
     coverage = judging_map(replace(site, scenario=replace(site.scenario, sensor=seeing)))
@@ -204,7 +208,7 @@ def _too_blurred(
     limit = request.max_blur_px
     if limit is None:
         return {}, {}
-    unknown = f"its blur is not known (no exposure, or no speed), and --max-blur requires {limit:g} pixels"
+    unknown = f"its blur is unknown (no exposure time, or no speed), but --max-blur requires at most {limit:g} pixels"
     return (
         {
             p.name: f"blurred by {b:.2f} pixels, above {limit:g}"
@@ -275,7 +279,7 @@ def _document(
     weight = coverage.grid.weight_m2
     can_be = drawn & (coverage.coverable | shown.coverage.seen)
     if not can_be.any():
-        raise InfeasibleError("this camera can observe no part of the area within the limits")
+        raise InfeasibleError("this camera cannot observe any part of the area within the limits")
 
     def share(cells: BoolArray) -> float:
         return float(weight[cells & can_be].sum() / weight[can_be].sum())

@@ -107,7 +107,7 @@ def refuse_to_replace(path: Path, *, force: bool) -> None:
         OutputError: it is there already and ``force`` was not said.
     """
     if path.exists() and not force:
-        raise OutputError(f"{path}: would be overwritten; use --force, or another name")
+        raise OutputError(f"{path}: this file would be overwritten; use --force, or another name")
 
 
 MAX_FOOTPRINTS = 400

@@ -96,7 +96,7 @@ class Picture:
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):
-            return f"position {self.lat_deg:g}, {self.lon_deg:g} is none on Earth"
+            return f"position {self.lat_deg:g}, {self.lon_deg:g} is not on Earth"
         heights = [height for height in (self.alt_m, self.height_above_takeoff_m) if height is not None]
         if not heights:
             return "no height"
@@ -104,7 +104,7 @@ class Picture:
             return f"height {max(heights, key=abs):g} m is impossible for a flight"
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg, self.vehicle_yaw_deg)
         if any(angle is not None and abs(angle) > 360.0 for angle in angles):
-            return "angles of more than a turn"
+            return "its angles exceed a full turn"
         return None
 
 

@@ -101,7 +101,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
             left_out[picture.name] = (
                 "no height above the take-off position"
                 if by_takeoff
-                else "only a height above take-off: give --takeoff"
+                else "only a height above take-off: specify --takeoff"
             )
             placed.remove(picture)
         else:
@@ -119,9 +119,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
     yaw, found = _yaws_deg(placed, eyes)
     for picture, has_angles, some in zip(placed, known, found, strict=True):
         if not has_angles and not some:
-            left_out[picture.name] = (
-                "no direction: neither angles of the camera, nor a heading, nor other photos in line"
-            )
+            left_out[picture.name] = "no direction: there are no camera angles, no heading and no other photos in line"
     keep = known | found
     if not keep.any():
         raise TrackError(_none_placed(left_out))
@@ -155,7 +153,7 @@ def _none_placed(left_out: dict[str, str]) -> str:
     name, why = next(iter(left_out.items()))
     advice = ""
     if why == "no position":
-        advice = "; give a list of their positions as well (geo.txt, .csv, .MRK or the flight's log), or geotag them"
+        advice = "; add a list of their positions (geo.txt, .csv, .MRK or the flight's log), or geotag them"
     return f"none of {len(left_out)} photos can be placed; {name}: {why}{advice}"
 
 
@@ -185,8 +183,9 @@ def _geoid_m(lat: FloatArray, lon: FloatArray, wanted: BoolArray, assumed: Assum
         return Undulation().heights_m(lat, lon)
     except TerrainError as error:
         raise TrackError(
-            f"{int(wanted.sum())} photos have heights above the ellipsoid, and PROJ has no geoid grid for them: fetch it "
-            "(projsync --file us_nga_egm96_15.tif), or give --geoid-height, the height of sea level above the ellipsoid there"
+            f"{int(wanted.sum())} photos have heights above the ellipsoid, but PROJ has no geoid grid for them: "
+            "download it (projsync --file us_nga_egm96_15.tif), or specify --geoid-height, the local height of sea "
+            "level above the ellipsoid"
         ) from error
 
 

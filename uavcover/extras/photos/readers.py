@@ -86,7 +86,8 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     clocks = sorted({picture.clock for picture in once if picture.clock is not None})
     if len(clocks) > 1:
         notes.append(
-            f"times are of {len(clocks)} clocks ({', '.join(clocks[:_SHOWN_CLOCKS])}): order and speed are taken within each"
+            f"times come from {len(clocks)} clocks ({', '.join(clocks[:_SHOWN_CLOCKS])}): order and speed are "
+            "computed for each clock"
         )
     return PictureSet(tuple(once), tuple(notes))
 
@@ -104,7 +105,7 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
             of_folders.update(files)
             lists += [path for path in inside if path.name.lower() == GEO_TXT]
         elif not source.is_file():
-            raise TrackError(f"{source}: no such file or folder; give a folder of photos, or a list of them")
+            raise TrackError(f"{source}: no such file or folder; use a folder of photos, or a list of photos")
         elif source.suffix.lower() in ENDINGS:
             files.append(source)
         elif source.suffix.lower() in LISTS:
@@ -117,7 +118,7 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
                 f"{source}: {source.suffix or 'no ending'} is neither a photo nor a list of photos; use {known}"
             )
     if not files and not lists and not logs:
-        raise TrackError(f"{', '.join(map(str, sources))}: no photos ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
+        raise TrackError(f"{', '.join(map(str, sources))}: there are no photos ({', '.join(ENDINGS)}) and no {GEO_TXT}")
     return files, of_folders, lists, logs
 
 
@@ -178,12 +179,12 @@ def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
             kept.append(picture)
     if bands:
         notes.append(
-            f"{bands} of {len(pictures)} files have the same position and time as another one (bands of one photo): they count "
-            "once"
+            f"{bands} of {len(pictures)} files have the same position and time as another file (bands of one photo): "
+            "they count once"
         )
     if copies:
         notes.append(
-            f"{copies} of {len(pictures)} photos have the same position and direction as another one (copies, "
-            "or a receiver that did not update): they count once"
+            f"{copies} of {len(pictures)} photos have the same position and direction as another photo (copies, or a "
+            "receiver that did not update): they count once"
         )
     return kept

@@ -62,8 +62,8 @@ def survey_as_flown(
         user.say(f"{'camera':18}{body}, from the photos' metadata; kept in {name}")
         if others:
             user.warn(
-                f"{sum(others.values())} photos are of other cameras ({', '.join(sorted(others))}) and do not count: judge "
-                "each camera on its own, with --camera and its photos"
+                f"{sum(others.values())} photos are from other cameras ({', '.join(sorted(others))}) and do not "
+                "count: judge each camera on its own, with --camera and its photos"
             )
     camera = camera_named(str(area.camera))
     _compare_lens(camera, pictures, user)
@@ -78,8 +78,8 @@ def survey_as_flown(
         if area.gsd is None:
             area = replace(area, gsd=_gsd_text(max(height_m, _LOWEST_M) / camera.focal_px))
             user.say(
-                f"{'ground sample':18}no limit given; a flight for the missing photos is planned for {area.gsd}, as this one was "
-                f"flown {height_m:.0f} m above ground (median)"
+                f"{'ground sample':18}no limit; a flight for the missing photos is planned for {area.gsd}, because "
+                f"this one was flown {height_m:.0f} m above ground (median)"
             )
     return new_scenario(area, user, folder=out.path)
 
@@ -93,14 +93,14 @@ def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str, C
     telling = [p for p in pictures if p.focal_length_mm and p.focal_length_35mm and p.pixels]
     if not telling:
         raise InputError(
-            "the photos do not name their camera (focal length, the same for 35 mm film, pixels): give --camera NAME or a "
-            "camera file (uavcover new --camera list)"
+            "the photos do not describe their camera (focal length, 35 mm equivalent, pixels): specify --camera NAME "
+            "or a camera file (uavcover new --camera list)"
         )
     kinds = Counter((p.focal_length_mm, p.focal_length_35mm, p.pixels, p.camera) for p in telling)
     (focal_mm, film_mm, pixels, title), _ = kinds.most_common(1)[0]
     others = Counter(p.camera for p in pictures if p.camera not in (None, title))
     if focal_mm is None or film_mm is None or pixels is None:
-        raise InputError("the photos do not name their camera: give --camera")
+        raise InputError("the photos do not describe their camera: specify --camera")
     diagonal_mm = FILM_DIAGONAL_MM * focal_mm / film_mm
     pitch_mm = diagonal_mm / math.hypot(*pixels)
     lines = [
@@ -132,6 +132,6 @@ def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -
     own_mm = FILM_DIAGONAL_MM * camera.focal_length_mm / math.hypot(camera.sensor_across_mm, camera.sensor_along_mm)
     if abs(own_mm / film_mm - 1.0) > LENS_DIFFERS:
         user.warn(
-            f"--camera: {camera.name} has the view of {own_mm:.0f} mm on 35 mm film, the photos say {film_mm:.0f} mm: another "
-            "camera or zoom? Without --camera, their camera is used"
+            f"--camera: {camera.name} has the field of view of {own_mm:.0f} mm on 35 mm film, but the photos say "
+            f"{film_mm:.0f} mm: check the camera and zoom; without --camera, their camera is used"
         )

@@ -33,7 +33,7 @@ def qgis_plugin(
 
     console = output.console()
     if out.exists() and not force:
-        raise OutputError(f"{out}: exists already; use another name, or --force to replace it")
+        raise OutputError(f"{out}: this file already exists; use another name, or --force to replace it")
     write_file(out, plugin_zip(program=_program()))
     console.say(f"written: {out}")
     console.say(

@@ -117,7 +117,7 @@ def say_needed(area: AreaTerrain, there: Sequence[Path] | None, user: User) -> l
         missing = None if there is None else needed.missing_in(there)
         user.say(f"{one.name}: {one.title}, {one.resolution}; {one.surface}; heights above {one.vertical_datum}")
         if not names:
-            user.say(f"  has nothing at these latitudes ({_lat(one.south_deg)} to {_lat(one.north_deg)} only)")
+            user.say(f"  has no data at these latitudes ({_lat(one.south_deg)} to {_lat(one.north_deg)} only)")
         else:
             beyond = f", {needed.beyond} more beyond its latitudes" if needed.beyond else ""
             user.say(f"  {len(names)} {'tile' if len(names) == 1 else 'tiles'}{beyond}:")
@@ -143,7 +143,7 @@ def say_needed(area: AreaTerrain, there: Sequence[Path] | None, user: User) -> l
         )
     for source in area.national:
         user.say(f"maybe {source.title}: {source.address}")
-    user.say("where there is only sea, no set has a tile")
+    user.say("sets have no tiles where there is only sea")
     return documents
 
 

@@ -43,7 +43,7 @@ def get_file(
     console = output.console()
     if path.endswith("/"):
         if out is not None:
-            raise InputError(f"{path}: a folder is listed, not written; leave -o away, or name a file")
+            raise InputError(f"{path}: this is a folder, which is listed and not written; omit -o, or specify a file")
         with connect(vehicle.link_to(to)) as connected:
             entries = FileDownloads(connected.client).entries(path)
         for entry in entries:
@@ -56,13 +56,13 @@ def get_file(
     name = path.rsplit("/", 1)[-1]
     file = Path(name) if out is None else out
     if name in {"", ".", ".."} or "\0" in path:
-        raise InputError(f"{path!r} names no file; a folder to list ends with a slash")
+        raise InputError(f"{path!r} is not a file name; a folder to list ends with a slash")
     if file.is_dir():
-        raise OutputError(f"{file}: is a folder; name a file with -o")
+        raise OutputError(f"{file}: this is a folder; specify a file with -o")
     if file.exists() and not force:
-        raise OutputError(f"{file}: would be overwritten; use --force, or another name with -o")
+        raise OutputError(f"{file}: this file would be overwritten; use --force, or another name with -o")
     if not file.parent.is_dir():
-        raise OutputError(f"{file.parent}: is not a folder; create it first")
+        raise OutputError(f"{file.parent}: this is not a folder; create it first")
     if file.suffix in _CONVERTED and (listed_as := _list_of(path)) is not None:
         text, items = _converted(vehicle, to, listed_as, file, console)
         write_file(file, text.encode())

@@ -33,7 +33,7 @@ def send_file(
         try:
             contents[f"{folder.rstrip('/')}/{file.name}"] = file.read_bytes()
         except OSError as error:
-            raise InputError(f"{file}: cannot be read ({error.strerror or error})") from error
+            raise InputError(f"{file}: the file cannot be read ({error.strerror or error})") from error
     if len(contents) < len(files):
         raise InputError("two of the files have the same name; send them separately with --folder")
     with connect(vehicle.link_to(to)) as connected:

@@ -60,7 +60,7 @@ def terrain(
     console = output.console()
     data = dem.data()
     if dat is not None and not data.names:
-        raise InputError("--dat: needs elevation data; give --dem")
+        raise InputError("--dat: this option requires elevation data; add --dem")
     query = AreaQuery(
         source=area, layer=where.layer, feature=where.feature, crs=where.crs, make_valid=where.make_valid,
         swap_axes=where.swap_axes,

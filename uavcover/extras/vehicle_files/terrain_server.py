@@ -30,7 +30,7 @@ def terrain_server(
         counts = serve_terrain(connected.client, heights_of_files(source, datum, console.warn), console)
     console.say(
         f"{counts.requests} requests for {counts.blocks} blocks: {counts.parts_sent} parts sent, "
-        f"{counts.parts_unknown} not, for want of data"
+        f"{counts.parts_unknown} not sent because data are missing"
     )
     console.result({"to": to, "dem": [str(file) for file in source.files], "vertical_datum": datum, **asdict(counts)})
     return 0

@@ -128,8 +128,8 @@ class PymooOptimizer(AskTellOptimizer):
             offered = Population.empty()
         if len(offered) > n:
             raise OptimizerError(
-                f"{type(algorithm).__name__} proposed {len(offered)} candidates for a population of {n}: "
-                "build it with as many offspring as the population has"
+                f"{type(algorithm).__name__} proposed {len(offered)} candidates for a population of {n}: build it "
+                "with as many offspring as the population size"
             )
         if len(offered) < n:
             offered = Population.merge(offered, Population.new("X", self._box.uniform(n - len(offered), rng)))
@@ -259,7 +259,7 @@ def pymoo_algorithm(name: str) -> type:
         if key.lower() == name.lower():
             return value
     raise OptimizerError(
-        f"algorithm 'pymoo:{name}': pymoo has none of this name: choose one of {', '.join(sorted(found))}"
+        f"algorithm 'pymoo:{name}': pymoo has no algorithm of this name: choose one of {', '.join(sorted(found))}"
     )
 
 

@@ -53,12 +53,12 @@ def read_zones(
     unknown = sorted(set(entry.ignore) - {name for zone in read.zones for name in zone.names})
     if unknown:
         raise InputError(
-            f"{path}: has no zone {unknown[0]!r}, which ignore names; write its name or identifier as in the file"
+            f"{path}: ignore names the zone {unknown[0]!r}, which is not in the file; write its name or identifier as in the file"
         )
     wanted = [zone for zone in read.zones if not zone.names & set(entry.ignore)]
     notes = [f"{path.name}: {note}" for note in read.notes]
     if not read.zones and not read.notes:
-        raise InputError(f"{path}: has no zone; give a file with polygons or circles")
+        raise InputError(f"{path}: the file has no zone; use a file with polygons or circles")
     # Files of whole countries: what is far away is not even checked.
     close = [(number, zone) for number, zone in enumerate(wanted, start=1) if near is None or _is_near(zone, near)]
     found = []
@@ -68,7 +68,8 @@ def read_zones(
         notes += mended
     if len(close) < len(wanted):
         notes.append(
-            f"{path.name}: {len(wanted) - len(close)} of {len(wanted)} zones left out, more than {NEAR_KM:g} km away"
+            f"{path.name}: {len(wanted) - len(close)} of {len(wanted)} zones ignored because they are more than "
+            f"{NEAR_KM:g} km away"
             + ("" if close else "; are longitude and latitude swapped, or is it the file of another location?")
         )
     return tuple(found), tuple(notes)
@@ -91,22 +92,24 @@ def _read(path: Path) -> ReadZones:
         what = (
             "no such file"
             if not path.exists()
-            else "is a folder"
+            else "this is a folder"
             if path.is_dir()
             else f"{suffix or 'no suffix'} is not a format of zones"
         )
-        raise InputError(f"{path}: {what}; give one of {', '.join(suffixes)}")
+        raise InputError(f"{path}: {what}; use one of {', '.join(suffixes)}")
     if suffix == ".plan" or any(suffix in reader.suffixes for reader in _readers()):
         try:
             if path.stat().st_size > MAX_BYTES:
-                raise InputError(f"{path}: is larger than {MAX_BYTES:,} bytes; save only the zones near the flight")
+                raise InputError(
+                    f"{path}: the file is larger than {MAX_BYTES:,} bytes; save only the zones near the flight"
+                )
             text = text_from_bytes(path.read_bytes()).text
             own = _of_text(text, suffix)
         except FormatError as error:
-            advice = "" if error.advice else "; save it again from the program that wrote it"
+            advice = "" if error.advice else "; save it again with the program that wrote it"
             raise InputError(f"{path}: {error}{advice}") from error
         except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror or type(error).__name__})") from error
+            raise InputError(f"{path}: the file cannot be read ({error.strerror or type(error).__name__})") from error
         if own is not None:
             return own
     return _of_features(path)
@@ -123,7 +126,9 @@ def _of_text(text: str, suffix: str) -> ReadZones | None:
         if found is not None:
             return found
     if suffix not in SUFFIXES:
-        raise FormatError("is not OpenAir, whose zones begin with AC", where="line 1", advice="give a file of zones")
+        raise FormatError(
+            "the file is not OpenAir, whose zones begin with AC", where="line 1", advice="use a file with zones"
+        )
     return None
 
 
@@ -152,7 +157,7 @@ def _of_features(path: Path) -> ReadZones:
     if document.unclosed:
         raise InputError(f"{path}: {document.unclosed[0]}; repeat its first corner at the end")
     if document.crs is None:
-        raise InputError(f"{path}: does not state its coordinate system; save it as GeoJSON")
+        raise InputError(f"{path}: the file does not state its coordinate system; save it as GeoJSON")
     zones = []
     for number, feature in enumerate(document.features, start=1):
         name = feature.name or f"zone {number}"
@@ -164,10 +169,10 @@ def _of_features(path: Path) -> ReadZones:
                 document.rings_may_be_open, None, *times, _periods(feature.properties, where),
             )
         )  # fmt: skip
-    notes = (f"{document.others} left out: not polygons",) if document.others else ()
+    notes = (f"{document.others} ignored: not polygons",) if document.others else ()
     if not zones:
         raise InputError(
-            f"{path}: has no polygon{f' (it has {document.others})' if document.others else ''}; give a file of zones"
+            f"{path}: the file has no polygon{f' (it has {document.others})' if document.others else ''}; use a file with zones"
         )
     return ReadZones(tuple(zones), (*document.notes, *notes))
 
@@ -176,7 +181,7 @@ def _properties(properties: Mapping[str, Any], where: str) -> tuple[dict[str, fl
     heights = {key: properties[key] for key in _HEIGHTS if properties.get(key) is not None}
     for key, value in heights.items():
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"{where}: {key} is not a number of metres, but {json.dumps(value)[:30]}; correct it")
+            raise InputError(f"{where}: {key} must be a number of metres, not {json.dumps(value)[:30]}; correct it")
     begin, end = (None if properties.get(key) is None else str(properties[key]) for key in _TIMES)
     return {key: float(value) for key, value in heights.items()}, (begin, end)
 
@@ -186,7 +191,7 @@ def _periods(properties: Mapping[str, Any], where: str) -> tuple[str, ...]:
     value = properties.get("active")
     periods = [] if value is None else value if isinstance(value, list) else [value]
     if not all(isinstance(period, str) for period in periods):
-        raise InputError(f'{where}: active is not a list of periods such as ["MON-FRI 08:00-17:00Z"]; correct it')
+        raise InputError(f'{where}: active must be a list of periods such as ["MON-FRI 08:00-17:00Z"]; correct it')
     return tuple(periods)
 
 

@@ -128,9 +128,8 @@ def _system(document: AreaDocument, query: AreaQuery) -> CRS:
             raise InputError(f"--crs: {query.crs!r} is not a coordinate system; write it as EPSG:32632") from error
     if document.crs is None:
         raise InputError(
-            f"{document.source}: does not state its coordinate system (a Shapefile has it in a .prj file "
-            "beside it); name it with "
-            "--crs EPSG:NUMBER"
+            f"{document.source}: the file does not state its coordinate system (a Shapefile has it in a .prj file "
+            "beside it); specify it with --crs EPSG:NUMBER"
         )
     return _on_earth(document.crs, document.source)
 
@@ -140,7 +139,7 @@ def _on_earth(crs: CRS, where: str) -> CRS:
     crs = crs.sub_crs_list[0] if crs.is_compound else crs
     if not (crs.is_geographic or crs.is_projected):
         raise InputError(
-            f"{where}: {crs.name!r} is not a system of positions on Earth; name one with --crs EPSG:NUMBER"
+            f"{where}: {crs.name!r} is not a coordinate system on Earth; specify one with --crs EPSG:NUMBER"
         )
     return crs
 
@@ -155,13 +154,13 @@ def read_document(path: Path, layer: str | None) -> AreaDocument:
     if not path.exists():
         raise InputError(f"{path}: no such file; an area is a file, WEST,SOUTH,EAST,NORTH, LAT,LON,RADIUS or WKT")
     if path.is_dir() or suffix not in SUFFIXES:
-        what = "is a folder" if path.is_dir() else f"{suffix or 'no suffix'} is not a format of areas"
-        raise InputError(f"{path}: {what}; give one of {', '.join(SUFFIXES)}")
+        what = "this is a folder" if path.is_dir() else f"{suffix or 'no suffix'} is not a format of areas"
+        raise InputError(f"{path}: {what}; use one of {', '.join(SUFFIXES)}")
     size = path.stat().st_size
     if size == 0:
         raise InputError(f"{path}: the file is empty; save it again")
     if size > MAX_BYTES:
-        raise InputError(f"{path}: {size:,} bytes, more than {MAX_BYTES:,}; save only the area")
+        raise InputError(f"{path}: the file has {size:,} bytes; the limit is {MAX_BYTES:,}; save only the area")
     if suffix in (*gis_file.SUFFIXES, ".zip"):
         return gis_file.read_gis_file(path, layer)
     try:
@@ -173,10 +172,10 @@ def read_document(path: Path, layer: str | None) -> AreaDocument:
         document: AreaDocument = read(text, str(path))
         return document
     except FormatError as error:
-        advice = "" if error.advice else "; save it again from the program that wrote it"
+        advice = "" if error.advice else "; save it again with the program that wrote it"
         raise InputError(f"{path}: {error}{advice}") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or type(error).__name__})") from error
+        raise InputError(f"{path}: the file cannot be read ({error.strerror or type(error).__name__})") from error
 
 
 def _read_text(source: str) -> AreaDocument:
@@ -184,7 +183,7 @@ def _read_text(source: str) -> AreaDocument:
         return read_wkt(source, "the area")
     match = _NUMBERS.fullmatch(source)
     if match is None:
-        raise InputError(f"{source}: is not an area; give a file, WEST,SOUTH,EAST,NORTH, LAT,LON,RADIUS or WKT")
+        raise InputError(f"{source}: this is not an area; use a file, WEST,SOUTH,EAST,NORTH, LAT,LON,RADIUS or WKT")
     kind, unit = (match[1] or "").lower(), (match[3] or "").lower()
     numbers = [float(number) for number in match[2].split(",")]
     if len(numbers) == 3 and kind in ("", "circle"):
@@ -210,7 +209,7 @@ def _circle(source: str, numbers: list[float], metres: float) -> AreaDocument:
 def _box(source: str, numbers: list[float]) -> AreaDocument:
     west, south, east, north = numbers
     if not (max(abs(south), abs(north)) <= 90.0 and max(abs(west), abs(east)) <= 180.0):
-        raise InputError(f"{source}: not longitudes and latitudes; write WEST,SOUTH,EAST,NORTH in degrees")
+        raise InputError(f"{source}: these are not longitudes and latitudes; write WEST,SOUTH,EAST,NORTH in degrees")
     if not north > south or west == east:
         raise InputError(
             f"{source}: north {north:g} is not above south {south:g}, or west is east; write WEST,SOUTH,EAST,NORTH"

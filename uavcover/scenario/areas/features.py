@@ -68,23 +68,27 @@ def chosen(document: AreaDocument, layer: str | None, feature: str | None) -> tu
     everything = document.features
     if not everything:
         there = f" (it has {document.others})" if document.others else ""
-        raise InputError(f"{document.source}: has no polygon{there}; draw the area as a polygon and save it again")
+        raise InputError(
+            f"{document.source}: the file has no polygon{there}; draw the area as a polygon and save it again"
+        )
     layers = list(dict.fromkeys(one.layer for one in everything))
     if layer is not None:
-        name = _known(layer, layers, f"{document.source}: has no layer {layer!r}")
+        name = _known(layer, layers, f"{document.source}: the file has no layer {layer!r}")
         everything = tuple(one for one in everything if one.layer == name)
     elif feature is None and len(layers) > 1:
         raise InputError(
-            f"{document.source}: has polygons in several layers ({_listed(layers)}); choose one with --layer"
+            f"{document.source}: the file has polygons in several layers ({_listed(layers)}); choose one with --layer"
         )
     numbered = [(_words(number, one), one) for number, one in enumerate(everything, start=1)]
     if feature is None:
         return tuple(numbered)
     if feature.isdigit() and not any(one.name == feature for one in everything):
         if not 1 <= int(feature) <= len(numbered):
-            raise InputError(f"{document.source}: has no feature {feature}; there are {len(numbered)}, counted from 1")
+            raise InputError(
+                f"{document.source}: the file has no feature {feature}; it has {len(numbered)}, counted from 1"
+            )
         return (numbered[int(feature) - 1],)
-    name = _known(feature, [one.name for one in everything], f"{document.source}: has no feature {feature!r}")
+    name = _known(feature, [one.name for one in everything], f"{document.source}: the file has no feature {feature!r}")
     return tuple(one for one in numbered if one[1].name == name)
 
 
@@ -102,7 +106,7 @@ def _known(wanted: str, names: Sequence[str], missing: str) -> str:
     if not alike:
         raise InputError(f"{missing}: no feature has a name; omit the option")
     close = difflib.get_close_matches(wanted.casefold(), alike, n=1)
-    advice = f"did you mean {alike[close[0]]!r}?" if close else f"there are: {_listed(list(alike.values()))}"
+    advice = f"did you mean {alike[close[0]]!r}?" if close else f"the names are: {_listed(list(alike.values()))}"
     raise InputError(f"{missing}; {advice}")
 
 

@@ -31,7 +31,8 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
         import pyogrio.errors
     except ImportError as error:
         raise InputError(
-            f"{path}: {path.suffix} files need the extra gis (pip install 'uavcover[gis]'); or save the area as GeoJSON or KML"
+            f"{path}: {path.suffix} files need the extra gis (pip install 'uavcover[gis]'); alternatively, save the "
+            "area as GeoJSON or KML"
         ) from error
     try:
         layers = [str(name) for name, kind in pyogrio.list_layers(opened) if kind is not None]
@@ -49,19 +50,21 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
                 found += of_layer
                 systems.append(CRS.from_user_input(meta["crs"]) if meta["crs"] else None)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, OSError, ValueError, RuntimeError) as error:
-        raise InputError(f"{path}: cannot be read ({_first_line(error)}); save it again, or as GeoJSON") from error
+        raise InputError(
+            f"{path}: the file cannot be read ({_first_line(error)}); save it again, or as GeoJSON"
+        ) from error
     except CRSError as error:
         raise InputError(
-            f"{path}: its coordinate system is not known ({_first_line(error)}); name it with --crs"
+            f"{path}: its coordinate system is not known ({_first_line(error)}); specify it with --crs"
         ) from error
     except (shapely.errors.GEOSException, NotImplementedError) as error:
         raise InputError(
-            f"{path}: holds a shape that is not read ({_first_line(error)}); save it as plain polygons"
+            f"{path}: the file contains an unsupported shape ({_first_line(error)}); save it as plain polygons"
         ) from error
     crs = systems[0] if systems else None
     if any(other != crs for other in systems):
         names = ", ".join(dict.fromkeys(one.layer for one in found))
-        missing = "" if layer is None else f"has no layer {layer!r}, and "
+        missing = "" if layer is None else f"the file has no layer {layer!r}, and "
         raise InputError(
             f"{path}: {missing}its layers ({names}) have different coordinate systems; choose one of them with --layer"
         )
@@ -74,17 +77,18 @@ def _inside_zip(path: Path) -> str:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, OSError) as error:
-        raise InputError(f"{path}: cannot be opened as a zip file ({error}); unpack it") from error
+        raise InputError(f"{path}: the file cannot be opened as a zip file ({error}); unpack it") from error
     found = [entry.filename for entry in entries if entry.filename.lower().endswith(SUFFIXES)]
     if len(found) != 1:
         raise InputError(
-            f"{path}: holds {len(found)} files of {', '.join(SUFFIXES)}, not one; unpack it and give the file"
+            f"{path}: the archive contains {len(found)} files of {', '.join(SUFFIXES)} instead of one; unpack it and use the file"
         )
     size = sum(entry.file_size for entry in entries)
     packed = sum(entry.compress_size for entry in entries)
     if len(entries) > MAX_ENTRIES or size > MAX_BYTES or size > MAX_RATIO * max(packed, 1):
         raise InputError(
-            f"{path}: unpacks to {size:,} bytes in {len(entries)} files, which is too much; unpack it if you trust it"
+            f"{path}: the archive unpacks to {size:,} bytes in {len(entries)} files, which is above the limit; "
+            "unpack it yourself if you trust it"
         )
     return f"/vsizip/{path.resolve()}/{found[0]}"
 

@@ -43,14 +43,16 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
             yield archive
     except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error) as error:
         raise InputError(
-            f"{path}: cannot be opened as KMZ, which is a zip file ({error}); save it again, or as KML"
+            f"{path}: the file cannot be opened as KMZ, which is a zip file ({error}); save it again, or save it as KML"
         ) from error
 
 
 def _files(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     entries = archive.infolist()
     if len(entries) > MAX_ENTRIES:
-        raise InputError(f"{path}: {len(entries)} entries, more than {MAX_ENTRIES}; save only the drawing as KML")
+        raise InputError(
+            f"{path}: the archive has {len(entries)} entries; the limit is {MAX_ENTRIES}; save only the drawing as KML"
+        )
     return [one for one in entries if not one.is_dir()]
 
 
@@ -61,8 +63,8 @@ def _unpacked(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> b
     ratio = entry.file_size / max(entry.compress_size, 1)
     if entry.file_size > MAX_KML_BYTES or (ratio > MAX_RATIO and entry.file_size > MAX_KML_BYTES // 64):
         raise InputError(
-            f"{path}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; allowed are "
-            f"{MAX_KML_BYTES:,} bytes and {MAX_RATIO:g} times; save only the drawing as KML"
+            f"{path}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; the "
+            f"limits are {MAX_KML_BYTES:,} bytes and {MAX_RATIO:g} times; save only the drawing as KML"
         )
     with archive.open(entry) as stream:
         data = stream.read(MAX_KML_BYTES + 1)
@@ -81,9 +83,11 @@ def _document(path: Path, entries: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
     if documents:
         names = ", ".join(one.filename for one in documents[:5])
         raise InputError(
-            f"{path}: has {len(documents)} documents and no doc.kml ({names}); unpack it and give one of them"
+            f"{path}: the archive has {len(documents)} documents and no doc.kml ({names}); unpack it and use one of them"
         )
     nested = [one.filename for one in entries if one.filename.lower().endswith(_ARCHIVES)]
     if nested:
-        raise InputError(f"{path}: holds another archive ({nested[0]}), which is not opened; unpack it first")
-    raise InputError(f"{path}: has no KML document; save the area from the map program again")
+        raise InputError(
+            f"{path}: the archive contains another archive ({nested[0]}), which is not opened; unpack it first"
+        )
+    raise InputError(f"{path}: the archive has no KML document; save the area again with the map program")

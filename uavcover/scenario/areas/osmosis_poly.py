@@ -36,7 +36,7 @@ def read_osmosis(text: str, source: str) -> AreaDocument:
     for number, hole in holes:
         around = [inner for outer, inner in outers if shapely.Polygon(outer).intersects(shapely.Point(hole[0]))]
         if not around:
-            raise FormatError("a hole that lies in no polygon", where=f"line {number}", advice="remove it")
+            raise FormatError("the hole does not lie in a polygon", where=f"line {number}", advice="remove it")
         around[0].append(hole)
     features = tuple(AreaFeature(((outer, *inner),), name) for outer, inner in outers)
     return AreaDocument(source, features, rings_may_be_open=True)
@@ -50,7 +50,9 @@ def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
         if line == "END":
             if len(places) < 3:
                 raise FormatError(
-                    f"a section of {len(places)} places", where=f"line {number}", advice="an area has three or more"
+                    f"the section has {len(places)} positions",
+                    where=f"line {number}",
+                    advice="an area needs three or more",
                 )
             return tuple(places), at
         try:
@@ -62,4 +64,4 @@ def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
                 f"{line[:40]!r} is not a position", where=f"line {number}", advice="write longitude, then latitude"
             )
         places.append((lon, lat))
-    raise FormatError("the last section has no END", where=f"line {lines[-1][0]}", advice="fetch the file again")
+    raise FormatError("the last section has no END", where=f"line {lines[-1][0]}", advice="download the file again")

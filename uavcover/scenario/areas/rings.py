@@ -62,18 +62,19 @@ def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[
     if not any(part.area > 0.0 for part in parts):
         if shapely.Polygon(outlines[0]).area > 0.0:
             raise InputError(f"{where}: nothing is left of the area inside its holes; remove the holes that cover it")
-        raise InputError(f"{where}: all corners are on one line, the area is zero; draw it again")
+        raise InputError(f"{where}: all corners are on one line, so the area is zero; draw it again")
     found = [_geographic(part, reading, where) for part in parts if part.area > 0.0]
     size_m2 = sum(_area_m2(part) for part in found)
     if size_m2 < SMALLEST_M2:
         raise InputError(
-            f"{where}: covers {size_m2:.2g} square metres; are its numbers in another coordinate system? name it with --crs"
+            f"{where}: the area is only {size_m2:.2g} square metres; if its coordinates use another coordinate "
+            "system, specify it with --crs"
         )
     if polygon.is_valid:
         return found, ()
     written_m2 = _area_m2(_geographic(polygon, reading, where))
     return found, (
-        f"{where}: repaired with make_valid, {written_m2 / 1e4:,.4g} ha as written, {size_m2 / 1e4:,.4g} ha now",
+        f"{where}: repaired with make_valid ({written_m2 / 1e4:,.4g} ha before, {size_m2 / 1e4:,.4g} ha after)",
     )
 
 
@@ -91,7 +92,7 @@ def _outline(ring: Ring, reading: RingReading, where: str) -> FloatArray:
         raise InputError(f"{where}: corner {number} is not a pair of finite numbers; remove or correct it")
     if len(np.unique(corners, axis=0)) < 3:
         raise InputError(
-            f"{where}: has {len(np.unique(corners, axis=0))} different corners, an area needs 3; draw it again"
+            f"{where}: the ring has {len(np.unique(corners, axis=0))} different corners; an area needs at least 3; draw it again"
         )
     if not np.array_equal(corners[0], corners[-1]):
         if not (reading.may_be_open or reading.make_valid):
@@ -116,9 +117,9 @@ def _continuous(outlines: Sequence[FloatArray], reading: RingReading, where: str
             raise InputError(
                 f"{where}: longitude {lons[worst]:.10g}, latitude {lats[worst]:.10g} is not a position on Earth; "
                 + (
-                    "the axes look swapped: longitude comes first (or use --swap-axes)"
+                    "the axes seem to be swapped: longitude comes first (or use --swap-axes)"
                     if swapped
-                    else "name the file's coordinate system with --crs EPSG:NUMBER"
+                    else "specify the file's coordinate system with --crs EPSG:NUMBER"
                 )
             )
         steps = np.diff(lons)
@@ -127,7 +128,7 @@ def _continuous(outlines: Sequence[FloatArray], reading: RingReading, where: str
         if np.array_equal(np.round((unwrapped - lons) / turn), np.zeros(len(lons))):
             unwrapped = lons  # to the bit as it was
         elif abs(unwrapped[-1] - unwrapped[0]) > 0.5 * turn:
-            raise InputError(f"{where}: contains a pole, which is not supported; use a smaller area")
+            raise InputError(f"{where}: the area contains a pole, which is not supported; use a smaller area")
         if found:
             unwrapped = unwrapped + turn * np.round((found[0][:, 0].mean() - unwrapped.mean()) / turn)
         found.append(np.column_stack([unwrapped, lats]))
@@ -146,7 +147,7 @@ def _mended(polygon: shapely.Polygon, reading: RingReading, where: str) -> list[
             "Ring Self-intersection": "the outline touches itself",
             "Hole lies outside shell": "a hole lies outside",
             "Nested holes": "a hole lies in another hole",
-            "Interior is disconnected": "holes cut it apart",
+            "Interior is disconnected": "holes divide the area",
         }.get(reason.strip(), reason.strip().lower())
         raise InputError(f"{where}: {what}{at}; correct it there, or use --make-valid")
     # Ring by ring: the default method counts crossings and fills holes that overlap or touch the outline, and "structure" takes
@@ -177,8 +178,8 @@ def _lon_lat(corners: FloatArray, reading: RingReading, where: str) -> FloatArra
     except ProjError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(
-            f"{where}: cannot be brought from {reading.crs.name} to longitude and latitude ({reason}); is that its coordinate "
-            "system? name the right one with --crs, or convert the file (ogr2ogr -t_srs EPSG:4326)"
+            f"{where}: the area cannot be converted from {reading.crs.name} to longitude and latitude ({reason}); "
+            "specify the correct coordinate system with --crs, or convert the file (ogr2ogr -t_srs EPSG:4326)"
         ) from error
     return np.column_stack([lon, lat])
 

@@ -65,7 +65,7 @@ def _named_system(node: Node) -> CRS:
         return CRS.from_user_input(name)
     except CRSError:
         raise FormatError(
-            f"the coordinate system {name[:60]!r} is not known", where=node.where, advice="name it with --crs"
+            f"the coordinate system {name[:60]!r} is not known", where=node.where, advice="specify it with --crs"
         ) from None
 
 
@@ -84,14 +84,16 @@ def _name_of(properties: Mapping[str, Any]) -> str:
 def _rings(node: Node) -> Rings:
     rings = tuple(tuple(_pair(position) for position in ring.nodes()) for ring in node.nodes())
     if not rings:
-        raise FormatError("a polygon without a ring", where=node.where, advice="remove it")
+        raise FormatError("the polygon has no ring", where=node.where, advice="remove it")
     return rings
 
 
 def _pair(node: Node) -> tuple[float, float]:
     numbers = node.nodes()
     if len(numbers) < 2:
-        raise FormatError(f"a position of {len(numbers)} numbers", where=node.where, advice="give longitude, latitude")
+        raise FormatError(
+            f"the position has {len(numbers)} numbers", where=node.where, advice="write longitude, latitude"
+        )
     return numbers[0].number(), numbers[1].number()
 
 
@@ -107,7 +109,7 @@ def read_wkt(text: str, source: str) -> AreaDocument:
             crs = CRS.from_epsg(int(prefix[1]))
         except CRSError:
             raise InputError(
-                f"{source}: SRID={prefix[1]} is not a coordinate system of EPSG; name it with --crs"
+                f"{source}: SRID={prefix[1]} is not an EPSG coordinate system; specify it with --crs"
             ) from None
     body = text[prefix.end() :] if prefix is not None else text
     try:
@@ -128,13 +130,15 @@ def _shape_of_line(line: str, source: str) -> Any:
     try:
         return shapely.from_wkt(line)
     except NotImplementedError:
-        raise InputError(f"{source}: has curves, which are not read; save it with straight sides") from None
+        raise InputError(
+            f"{source}: the shape has curves, which are not supported; save it with straight sides"
+        ) from None
     except shapely.errors.GEOSException as error:
         reason = str(error).strip().splitlines()[0]
         if "closed" in reason:
             raise InputError(f"{source}: a ring is not closed; repeat its first corner at the end") from error
         raise InputError(
-            f"{source}: not well-known text ({reason}); write it as POLYGON ((lon lat, lon lat, ...))"
+            f"{source}: the text is not well-known text ({reason}); write it as POLYGON ((lon lat, lon lat, ...))"
         ) from error
 
 
@@ -142,7 +146,9 @@ def read_kml(text: str, source: str) -> AreaDocument:
     """KML, always longitude and latitude on WGS 84; folders are its layers."""
     document = _of_drawing(kml.read_drawing(text), source)
     if not document.features and not document.others and "<NetworkLink" in text:
-        raise InputError(f"{source}: only links to another file, which is not fetched; save the polygon itself as KML")
+        raise InputError(
+            f"{source}: the file only links to another file, which is not downloaded; save the polygon itself as KML"
+        )
     return document
 
 

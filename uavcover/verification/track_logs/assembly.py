@@ -57,15 +57,15 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         warnings.append(f"{path}: {int((~has_fix).sum())} positions before the first fix (0, 0) are ignored")
         positions = positions[has_fix]
     if len(positions) == 0:
-        raise TrackError(f"{path}: it contains no positions")
+        raise TrackError(f"{path}: the log contains no positions")
     # The largest time so far: any row not later than that repeats or goes back.
     before = np.concatenate([[-np.inf], np.maximum.accumulate(positions[:, 0])[:-1]])
     back = positions[:, 0] < before
     if back.any():
         at = int(np.argmax(back))
         raise TrackError(
-            f"{path}: time goes back from {before[at]:.3f} s to {positions[at, 0]:.3f} s at position {at}: the vehicle was "
-            "restarted, or two logs were joined; give one flight"
+            f"{path}: time goes back from {before[at]:.3f} s to {positions[at, 0]:.3f} s at position {at}: the "
+            "vehicle was restarted, or two logs were joined; use the log of one flight"
         )
     repeated = positions[:, 0] == before
     if repeated.any():

@@ -37,7 +37,7 @@ def read_dataflash(path: Path) -> LoggedRows:
     """
     content = path.read_bytes()
     if content[:2] != _MAGIC:
-        raise TrackError(f"{path}: is not an ArduPilot dataflash log; it does not start with the bytes a3 95")
+        raise TrackError(f"{path}: the file is not an ArduPilot dataflash log; it does not start with the bytes a3 95")
     # Importing pymavlink takes a moment; other kinds of logs do not need it.
     from pymavlink import DFReader
 
@@ -75,18 +75,20 @@ def read_dataflash(path: Path) -> LoggedRows:
                         clock.append(_clock_row(message))
                         velocities["GPS"] += _gps_velocity(message)
         except (AttributeError, ValueError, IndexError, KeyError, TypeError, struct.error) as error:
-            raise TrackError(f"{path}: a damaged dataflash log ({type(error).__name__}: {error})") from error
+            raise TrackError(f"{path}: the dataflash log is damaged ({type(error).__name__}: {error})") from error
     warnings = []
     if complaints.getvalue() or left_out > 0:
         warnings.append(f"{path}: parts of the log are damaged and were ignored")
     if not estimated and measured:
-        warnings.append(f"{path}: has no POS messages; the positions of its first GPS are used")
+        warnings.append(f"{path}: the log has no POS messages; the positions of its first GPS are used")
     positions = estimated or measured
     if not positions:
-        raise TrackError(f"{path}: has no POS and no GPS messages; log them with bit 1 and 2 of LOG_BITMASK")
+        raise TrackError(f"{path}: the log has no POS and no GPS messages; log them with bit 1 and 2 of LOG_BITMASK")
     pictures = cameras["CAM"] or cameras["TRIG"]
     if pictures and not cameras["CAM"]:
-        warnings.append(f"{path}: has no CAM messages; the triggers (TRIG) count as photos, even if no photo was taken")
+        warnings.append(
+            f"{path}: the log has no CAM messages; the triggers (TRIG) count as photos, even if no photo was taken"
+        )
     return LoggedRows(
         np.array(positions),
         np.array(attitudes).reshape(-1, 4),

@@ -33,20 +33,25 @@ def read_gpx(path: Path) -> LoggedRows:
     """
     text = path.read_bytes()
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise TrackError(f"{path}: has a document type or entities, which no GPX file needs; it is not read")
+        raise TrackError(
+            f"{path}: the file has a document type or entities, which a GPX file does not need; it is not read"
+        )
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
-        raise TrackError(f"{path}: is no GPX file: {error}") from None
+        raise TrackError(f"{path}: the file is not a GPX file: {error}") from None
     if _name(root) != "gpx":
-        raise TrackError(f"{path}: is no GPX file but <{_name(root)}>")
+        raise TrackError(f"{path}: the file is not a GPX file but <{_name(root)}>")
     points = list(_points(path, root))
     if not points:
-        raise TrackError(f"{path}: it contains no track points")
+        raise TrackError(f"{path}: the file contains no track points")
     positions = np.array(points)
     clock = np.array([[0.0, positions[0, 0]]])
     positions[:, 0] -= positions[0, 0]
-    warning = f"{path}: its heights are taken as above sea level, as the GPX standard says; some loggers write ellipsoid heights"
+    warning = (
+        f"{path}: its heights are read as above sea level, as the GPX standard requires; some loggers write "
+        "ellipsoid heights"
+    )
     return LoggedRows(positions, np.empty((0, 4)), warnings=(warning,), clock=clock)
 
 
@@ -125,10 +130,10 @@ def read_foreign_log(path: Path, frame: LocalFrame, *, system: int | None = None
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise TrackError(
-            f"{path}: {path.suffix or 'no ending'} is not a log that can be read; known: {', '.join(READERS)}"
+            f"{path}: {path.suffix or 'no ending'} is not a supported log format; use {', '.join(READERS)}"
         )
     try:
         rows = read_telemetry(path, system=system) if reader is read_telemetry else reader(path)
     except OSError as error:
-        raise TrackError(f"{path}: cannot be read: {error.strerror}") from None
+        raise TrackError(f"{path}: the file cannot be read: {error.strerror}") from None
     return assemble_track(path, rows, frame)

@@ -90,7 +90,9 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     finally:
         log.close()
     if not positions:
-        raise TrackError(f"{path}: has no GLOBAL_POSITION_INT messages, so no positions; is it a telemetry log?")
+        raise TrackError(
+            f"{path}: the log has no GLOBAL_POSITION_INT messages, so no positions; is it a telemetry log?"
+        )
     # Only the autopilot's positions count; in a log without heartbeats it is the component that sends most.
     speaking = {key: len(rows) for key, rows in positions.items() if key in autopilots} or {
         key: len(rows) for key, rows in positions.items()
@@ -98,11 +100,14 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     systems = sorted({number for number, _ in speaking})
     if system is not None:
         if system not in systems:
-            raise TrackError(f"{path}: has no vehicle {system}; --system is one of {', '.join(map(str, systems))}")
+            raise TrackError(
+                f"{path}: the log has no vehicle {system}; set --system to one of {', '.join(map(str, systems))}"
+            )
         speaking = {key: count for key, count in speaking.items() if key[0] == system}
     elif len(systems) > 1:
         raise TrackError(
-            f"{path}: has positions of {len(systems)} vehicles (systems {', '.join(map(str, systems))}); choose one with --system"
+            f"{path}: the log has positions of {len(systems)} vehicles (systems {', '.join(map(str, systems))}); "
+            "choose one with --system"
         )
     source = Counter(speaking).most_common(1)[0][0]
     of_vehicle = [{key: row for key, row in found.items() if key[0] == source[0]} for found in cameras.values()]

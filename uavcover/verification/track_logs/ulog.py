@@ -42,7 +42,7 @@ def read_ulog(path: Path) -> LoggedRows:
         TrackError: no such log, no positions, or pyulog is not installed.
     """
     if path.read_bytes()[: len(_MAGIC)] != _MAGIC:
-        raise TrackError(f"{path}: is not a ULog of PX4; it does not start with the ULog signature")
+        raise TrackError(f"{path}: the file is not a PX4 ULog; it does not start with the ULog signature")
     try:
         from pyulog import ULog
     except ImportError:
@@ -50,9 +50,9 @@ def read_ulog(path: Path) -> LoggedRows:
     try:
         log = ULog(str(path), message_name_filter_list=[*_TOPICS])
     except (ValueError, IndexError, KeyError, TypeError, struct.error, UnicodeDecodeError) as error:
-        raise TrackError(f"{path}: a damaged ULog ({type(error).__name__}: {error})") from error
+        raise TrackError(f"{path}: the ULog is damaged ({type(error).__name__}: {error})") from error
     except Exception as error:  # pyulog raises bare Exceptions for wrong headers and flags
-        raise TrackError(f"{path}: not a ULog that pyulog can read ({error})") from error
+        raise TrackError(f"{path}: pyulog cannot read this ULog ({error})") from error
     datasets = {data.name: data.data for data in log.data_list if data.multi_id == 0}
     warnings = [f"{path}: parts of the log are damaged and were ignored"] if log.file_corruption else []
     position = datasets.get("vehicle_global_position")
@@ -60,7 +60,9 @@ def read_ulog(path: Path) -> LoggedRows:
         positions = np.column_stack([position["timestamp"] * 1e-6, position["lat"], position["lon"], position["alt"]])
     else:
         positions = _received(path, datasets)
-        warnings.append(f"{path}: has no vehicle_global_position messages; the positions of its receiver are used")
+        warnings.append(
+            f"{path}: the log has no vehicle_global_position messages; the positions of its receiver are used"
+        )
     attitudes = np.empty((0, 4))
     if "vehicle_attitude" in datasets:
         attitude = datasets["vehicle_attitude"]
@@ -96,7 +98,8 @@ def _received(path: Path, datasets: dict[str, dict[str, Any]]) -> FloatArray:
                 if good.any():
                     return np.asarray(rows[good])
     raise TrackError(
-        f"{path}: has no vehicle_global_position messages and no fix of a receiver (vehicle_gps_position), so no positions"
+        f"{path}: the log has no vehicle_global_position messages and no fix of a receiver (vehicle_gps_position), "
+        "so no positions"
     )
 
 
@@ -152,7 +155,9 @@ def _pictures(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArr
         return rows[taken][first], words
     if trigger := datasets.get("camera_trigger"):
         times = np.asarray(trigger["timestamp"], float) * 1e-6
-        words = [f"{path}: has no camera_capture messages; the triggers count as photos, even if no photo was taken"]
+        words = [
+            f"{path}: the log has no camera_capture messages; the triggers count as photos, even if no photo was taken"
+        ]
         return np.column_stack([times, np.full((len(times), 2), np.nan)]), words
     return None, []
 

@@ -72,9 +72,9 @@ function preflight(s, checked) {
   if (rows.length) out.push(el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("beforeFlight") }, el("table", { id: "preflight" }, ...rows)));
   return out;
 }
-// The table that `fly` prints before it arms: planned | vehicle | matters because.
+// The table that `fly` prints before it arms: planned | vehicle | why it matters.
 export function takeLimit(line) {
-  if (line.includes("planned | vehicle | matters because")) { state.limits = []; return true; }
+  if (line.includes("planned | vehicle | why it matters")) { state.limits = []; return true; }
   const parts = line.trim().split(" | ");
   if (!state.limits || parts.length !== 4) return false;
   const [, mark, what] = /^([!X]?)\s*(.*)$/.exec(parts[0]);

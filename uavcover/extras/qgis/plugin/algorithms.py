@@ -170,7 +170,7 @@ class CheckAlgorithm(UavcoverAlgorithm):
     """From anybody's mission file and elevation data to findings."""
 
     NAME, TITLE = "check", "Check mission"
-    HELP = "Checks a mission of any ground station against terrain, along the full length of every leg."
+    HELP = "Checks a mission from any ground station against the terrain, along the full length of every leg."
 
     def initAlgorithm(self, config=None):
         self.addParameter(QgsProcessingParameterFile("MISSION", "Mission file"))
@@ -211,7 +211,7 @@ class VerifyAlgorithm(UavcoverAlgorithm):
     def initAlgorithm(self, config=None):
         self.addParameter(QgsProcessingParameterFile("RUN", "Run folder", behavior=QgsProcessingParameterFile.Folder))
         self.addParameter(
-            QgsProcessingParameterFile("LOG", "Flight log, instead of the run's own track", optional=True)
+            QgsProcessingParameterFile("LOG", "Flight log, instead of the track of the run", optional=True)
         )
         self.addOutput(QgsProcessingOutputRasterLayer("COVERAGE", "Coverage"))
 
@@ -232,7 +232,7 @@ class PhotosAlgorithm(UavcoverAlgorithm):
     """From photos and a scenario to overlap and gaps."""
 
     NAME, TITLE = "judgephotos", "Judge photos"
-    HELP = "Counts in how many photos each point of the ground is, hidden ground left out."
+    HELP = "Counts the photos that show each point of the ground, except hidden ground."
 
     def initAlgorithm(self, config=None):
         self.addParameter(
@@ -250,7 +250,7 @@ class PhotosAlgorithm(UavcoverAlgorithm):
         load(context, os.path.join(out, "photos.tif"), "Ground in the photos", styles.coverage)
         load(context, os.path.join(out, "footprints.geojson"), "Footprints", styles.footprints)
         load(context, gaps, "Gaps", styles.gaps)
-        load(context, stretches, "Photos that are missing", styles.missing)
+        load(context, stretches, "Missing photos", styles.missing)
         return {"OUT": out, "VERDICT": document.get("verdict")}
 
 

@@ -21,7 +21,7 @@ REASON_BAND = {"coverage.tif": 7, "photos.tif": 6}
 REASONS = (
     ("observed", GREEN), ("never in range and field of view", ORANGE), ("view too oblique", "#cc79a7"),
     ("hidden by terrain or obstacles", "#7f3b08"), ("outside the flight limits", "#999999"),
-    ("ground sample distance too large", "#e6c700"), ("too few observations", "#56b4e9"), ("attitude not known", "#555555"),
+    ("ground sample distance too large", "#e6c700"), ("too few observations", "#56b4e9"), ("attitude unknown", "#555555"),
 )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def legs(layer):
         by_value(
             "shown",
             [
-                ("breaks", line(RED, "1.1"), "breaks a limit"), ("look", line(ORANGE, "1.1"), "needs a look"),
+                ("breaks", line(RED, "1.1"), "violates a limit"), ("look", line(ORANGE, "1.1"), "needs attention"),
                 ("transit", line("#555555", "0.5", "dash"), "transit, take-off, landing"), (None, line(ROUTE), "no finding"),
             ],
         )
@@ -69,7 +69,7 @@ def findings(layer):
     layer.setRenderer(
         by_value(
             "weight",
-            [("breaks", marker(RED, "triangle", "3.6"), "breaks a limit"), (None, marker(ORANGE, "triangle", "3.2"), "needs a look")],
+            [("breaks", marker(RED, "triangle", "3.6"), "violates a limit"), (None, marker(ORANGE, "triangle", "3.2"), "needs attention")],
         )
     )  # fmt: skip
 

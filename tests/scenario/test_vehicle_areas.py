@@ -12,7 +12,7 @@ from uavcover.model.area import Area, Outline
 from uavcover.model.fleet import Fleet
 from uavcover.model.vehicle import Vehicle
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import groups_of, own_parts
+from uavcover.scenario.vehicle_areas import groups_of, own_parts
 
 AREA = (0.0, 0.0, 300.0, 200.0)
 HOLE = shapely.box(100.0, 50.0, 120.0, 70.0)
@@ -84,19 +84,19 @@ def test_the_margin_belongs_to_what_it_lies_beside():
 
 def test_parts_that_do_not_fit_are_refused_by_name_and_amount():
     assert refusal((0.0, 0.0, 120.0, 200.0), (100.0, 0.0, 300.0, 200.0)) == (
-        "vehicle.0.area and vehicle.1.area: overlap by 3600 square metres; move a border, so that each piece of ground is one "
-        "vehicle's"
+        "vehicle.0.area and vehicle.1.area: overlap by 3600 square metres; "
+        "move a border so that each part of the ground belongs to one vehicle"
     )
-    assert "vehicle.1.area: lies outside [area], 100 m from it" in refusal(None, (400.0, 0.0, 500.0, 200.0))
+    assert "vehicle.1.area: this area lies outside [area], 100 m from it" in refusal(None, (400.0, 0.0, 500.0, 200.0))
     assert "vehicle.1.area: 20000 of its 40000 square metres lie outside [area]" in refusal(
         None, (200.0, 0.0, 400.0, 200.0)
     )
-    assert "vehicle.2: the parts of the other vehicles are the whole [area]" in refusal(
+    assert "vehicle.2: the other vehicles cover the whole [area]" in refusal(
         (0.0, 0.0, 150.0, 200.0), (150.0, 0.0, 300.0, 200.0), None
     )
-    assert "vehicle.0.area to vehicle.1.area: leave 19600 square metres of [area] to no vehicle" in refusal(
+    assert "vehicle.0.area to vehicle.1.area: 19600 square metres of [area] belong to no vehicle" in refusal(
         (0.0, 0.0, 100.0, 200.0), (200.0, 0.0, 300.0, 200.0)
     )
-    assert "vehicle.1.area: is nowhere more than 1 m wide" in refusal(None, (0.0, 0.0, 0.5, 200.0))
+    assert "vehicle.1.area: this area is at most 1 m wide" in refusal(None, (0.0, 0.0, 0.5, 200.0))
     # A part that is a hole of the area is nothing to see.
-    assert "vehicle.1.area: is nowhere more than 1 m wide inside [area]" in refusal(None, HOLE.bounds)
+    assert "vehicle.1.area: this area is at most 1 m wide inside [area]" in refusal(None, HOLE.bounds)

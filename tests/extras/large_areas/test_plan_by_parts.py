@@ -11,7 +11,7 @@ import shapely
 from tests.planner.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.extras.large_areas.part_search import PartCells, search_part
-from uavcover.extras.large_areas.planner import (
+from uavcover.extras.large_areas.plan_by_parts import (
     RunTasks,
     part_count,
     plan_by_parts,
@@ -105,7 +105,7 @@ def test_a_large_area_that_is_judged_block_by_block_gives_the_same_plan(monkeypa
 
 
 def test_the_tuned_boustrophedon_of_a_larger_area_is_found_on_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uavcover.extras.large_areas.planner._MOST_COMPARED_CELLS", 400)
+    monkeypatch.setattr("uavcover.extras.large_areas.plan_by_parts._MOST_COMPARED_CELLS", 400)
     site = large()
     plain, tuned = planned(site, plain_lines).baselines
     assert (plain.origin, tuned.origin) == ("boustrophedon", "boustrophedon-tuned")

@@ -34,7 +34,7 @@ from uavcover.planner.joining import in_good_order, joined
 from uavcover.planner.search.optimizer_search import SearchProgress, SearchRun
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import Piece
+from uavcover.scenario.vehicle_areas import Piece
 from uavcover.sensing.block_map import RunBlocks, look_at_all, one_after_the_other
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_map, sampling_map
@@ -133,8 +133,8 @@ def plan_by_parts(
     most = most_parts(site)
     if parts > most:
         raise InputError(
-            f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} km² are smaller than the sensor's footprint; "
-            f"give at most {most}, or auto"
+            f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} km² are smaller than the sensor's "
+            f"footprint; use at most {most}, or auto"
         )
     fine = judging_map(site)
     areas, routes, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)

@@ -74,8 +74,8 @@ def own_parts(site: Site) -> OwnParts:
             both = part.intersection(before)
             if other < number and _is_wide(both):
                 raise ScenarioError(
-                    f"vehicle.{other - 1}.area and vehicle.{number - 1}.area: overlap by {both.area:.0f} square metres; "
-                    "move a border, so that each piece of ground is one vehicle's"
+                    f"vehicle.{other - 1}.area and vehicle.{number - 1}.area: overlap by {both.area:.0f} square "
+                    "metres; move a border so that each part of the ground belongs to one vehicle"
                 )
         parts[number] = part.difference(taken)
         taken = taken.union(part)
@@ -100,7 +100,7 @@ def _inside(site: Site, number: int, drawn: Piece) -> Any:
     """A vehicle's part, as drawn, inside the area."""
     outline = site.scenario.vehicles[number - 1].area
     if outline is None:
-        raise ScenarioError(f"vehicle.{number - 1}.area: is missing")
+        raise ScenarioError(f"vehicle.{number - 1}.area: the key is missing")
     if outline.is_geographic and site.frame is None:
         raise ScenarioError(f"vehicle.{number - 1}.area: a polygon in degrees needs a home or an origin")
     part = polygons_in_metres(outline, site.frame)
@@ -109,17 +109,18 @@ def _inside(site: Site, number: int, drawn: Piece) -> Any:
     outside = part.difference(solid)
     if not part.intersects(drawn):
         raise ScenarioError(
-            f"vehicle.{number - 1}.area: lies outside [area], {part.distance(drawn):.0f} m from it; draw a part of it"
+            f"vehicle.{number - 1}.area: this area lies outside [area], {part.distance(drawn):.0f} m from it; draw a "
+            "part of [area]"
         )
     if _is_wide(outside):
         raise ScenarioError(
             f"vehicle.{number - 1}.area: {outside.area:.0f} of its {part.area:.0f} square metres lie outside [area]; "
-            "draw the part inside of it, or enlarge [area]"
+            "draw it inside [area], or enlarge [area]"
         )
     inside = part.intersection(drawn)
     if not _is_wide(inside):
         raise ScenarioError(
-            f"vehicle.{number - 1}.area: is nowhere more than {SLIVER_M:g} m wide inside [area]; enlarge it, or remove it"
+            f"vehicle.{number - 1}.area: this area is at most {SLIVER_M:g} m wide inside [area]; enlarge it, or remove it"
         )
     return inside
 
@@ -133,13 +134,14 @@ def _check_rest(scenario: Scenario, rest: Piece) -> None:
     others = [number for number, vehicle in enumerate(scenario.vehicles) if vehicle.area is None]
     if others and rest.is_empty:
         raise ScenarioError(
-            f"vehicle.{others[0]}: the parts of the other vehicles are the whole [area], and no area is left "
-            "for it; give it an area, or remove the vehicle"
+            f"vehicle.{others[0]}: the other vehicles cover the whole [area], and no area is left for this vehicle; "
+            "assign it an area, or remove it"
         )
     if not others and not rest.is_empty:
         raise ScenarioError(
-            f"vehicle.0.area to vehicle.{len(scenario.vehicles) - 1}.area: leave {rest.area:.0f} square metres of [area] to "
-            "no vehicle; enlarge a part, make [area] smaller, or leave one vehicle without area, which then covers the rest"
+            f"vehicle.0.area to vehicle.{len(scenario.vehicles) - 1}.area: {rest.area:.0f} square metres of [area] "
+            "belong to no vehicle; enlarge a part, make [area] smaller, or omit the area of one vehicle, which then "
+            "covers the remaining ground"
         )
 
 
