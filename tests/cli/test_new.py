@@ -247,7 +247,7 @@ def test_a_pattern_is_a_scenario_for_each_flight(cli, tennessee, tmp_path, patte
     planners = [load_scenario(path).planner for path in paths]
     assert all(planner.algorithm == "lines" and planner.line_heading_deg is not None for planner in planners)
     again = cli("new", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", out)
-    assert (again.code, "exists already" in again.err) == (2, True)
+    assert (again.code, "already exists" in again.err) == (2, True)
     planned = cli("plan", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", tmp_path / "run")
     assert planned.code == 2
     assert f"--pattern: {pattern} is {len(flights)} missions; write their scenarios with uavcover new" in planned.err

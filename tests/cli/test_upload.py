@@ -106,7 +106,7 @@ def test_every_format_that_holds_items(cli: Cli, tmp_path: Path, name: str, text
 @pytest.mark.parametrize(("name", "kind"), [("route.csv", "rally"), ("field.fen", "mission")])
 def test_a_list_that_the_format_cannot_hold(tmp_path: Path, name: str, kind: str) -> None:
     (tmp_path / name).write_text("")
-    with pytest.raises(InputError, match=f"leave --type {kind} away"):
+    with pytest.raises(InputError, match=f"omit --type {kind}"):
         read_contents(tmp_path / name, kind)
 
 

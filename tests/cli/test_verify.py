@@ -123,7 +123,7 @@ def test_what_is_no_run_folder_is_left_alone(cli: Cli, tmp_path: Path) -> None:
 
 def test_a_word_that_names_nothing(cli: Cli, flown: Path) -> None:
     before = files(flown)
-    assert "'everything' is none of scenario" in cli("verify", flown, "--accept-changed", "everything").error
+    assert "'everything' is not one of scenario" in cli("verify", flown, "--accept-changed", "everything").error
     assert files(flown) == before
 
 

@@ -106,7 +106,7 @@ def test_what_no_vehicle_should_hold_is_not_sent() -> None:
     client = connected(mock_vehicle(ARDUPILOT))
     with pytest.raises(MisuseError, match="the mission was not sent"):
         FileUploads(client).upload_list(Mission(HOME, (BAD,)))
-    with pytest.raises(MisuseError, match="PX4 has no lists as files"):
+    with pytest.raises(MisuseError, match="PX4 does not provide its lists as files"):
         FileUploads(connected(mock_vehicle(PX4))).upload_list(mission(3))
 
 

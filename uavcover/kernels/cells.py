@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.horizon import OCTANTS
+from uavcover.kernels.horizon import SECTORS
 from uavcover.kernels.skyline import NO_SKYLINES, Skylines
 
-NO_RISE = np.empty((0, OCTANTS))
+NO_RISE = np.empty((0, 3, SECTORS), dtype=np.float32)
 NO_RISE.flags.writeable = False
 
 
@@ -24,7 +24,7 @@ class Cells(NamedTuple):
         normal: (n, 3) unit normals of the ground, or of the roof.
         horizon: (n,) tangent of the slope above which no obstacle in the sensor's reach can hide the cell; 0 where none is near.
         scatter_m: no centre is farther than this from its place on the lattice, on the map.
-        rise: (n, 8) of :func:`uavcover.kernels.horizon.rises` within the sensor's reach; (0, 8) where it is not known.
+        rise: (n, 3, 16) of :func:`uavcover.kernels.horizon.rises` within the sensor's reach; (0, 3, 16) where it is not known.
         skylines: of the cells that obstacles may hide.
     """
 
@@ -36,5 +36,5 @@ class Cells(NamedTuple):
     normal: NDArray[np.float64]
     horizon: NDArray[np.float64]
     scatter_m: float = 0.0
-    rise: NDArray[np.float64] = NO_RISE
+    rise: NDArray[np.float32] = NO_RISE
     skylines: Skylines = NO_SKYLINES

@@ -1,7 +1,7 @@
 """Whether ground or obstacles stand between a place and a cell.
 
 What is known around a cell decides most rays: its horizon and its skyline of obstacles, how steep the ground is anywhere, and how
-steeply it rises in each octant. The others are traced, at their full length and in closed form.
+steeply it rises in each sector. The others are traced, at their full length and in closed form.
 """
 
 import math
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
 from uavcover.kernels.cells import Cells
-from uavcover.kernels.horizon import octant_of
+from uavcover.kernels.horizon import CLEAR_FROM, HIDDEN_BELOW, HIDDEN_BEYOND_M, sector_of
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.sight import MIDPOINT, NO_LINE_OF_SIGHT, RAY, Sight
@@ -33,7 +33,7 @@ class AroundCell(NamedTuple):
         horizon: rays at least so steep pass over all obstacles.
         row: of its skyline, -1 where it has none.
         steepest: rays at least so steep are clear of the ground.
-        rises: whether they are also where they are as steep as the cell's ``rise`` in their octant.
+        rises: whether they are also where they are as steep as the cell's ``rise`` in their sector.
     """
 
     horizon: float
@@ -65,7 +65,7 @@ def surroundings(surface: Surface, sight: Sight, cells: Cells, cell: int, over_n
 def known_of_sight(
     around: AroundCell,
     bounds: NDArray[np.float32],
-    rise: NDArray[np.float64],
+    rise: NDArray[np.float32],
     cell: int,
     east: float,
     north: float,
@@ -93,8 +93,12 @@ def known_of_sight(
     # A ray that leaves the cell more steeply than the ground can rise on its way: nothing stands there.
     if up >= around.steepest * over_ground:
         return CLEAR
-    if around.rises and up >= rise[cell, octant_of(east, north)] * over_ground:
-        return CLEAR
+    if around.rises:
+        sector = sector_of(east, north)
+        if up >= rise[cell, CLEAR_FROM, sector] * over_ground:
+            return CLEAR
+        if over_ground >= rise[cell, HIDDEN_BEYOND_M, sector] and up < rise[cell, HIDDEN_BELOW, sector] * over_ground:
+            return HIDDEN
     return PAST_OBSTACLES
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.cells import Cells
+from uavcover.kernels.horizon import CLEAR_FROM
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.leg_visibility import leg_sees_cell, samples_of_leg
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, Sight, horizontal_reach
@@ -201,7 +202,7 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
 def steepest_around(surface: Surface, cells: Cells) -> FloatArray:
     """(n,) tangent that no ground on the way of a ray to each cell exceeds, seen from the cell in any direction."""
     anywhere = np.full(len(cells.centre_m), surface.steepest)
-    return np.minimum(anywhere, cells.rise.max(axis=1)) if len(cells.rise) else anywhere
+    return np.minimum(anywhere, cells.rise[:, CLEAR_FROM].max(axis=1)) if len(cells.rise) else anywhere
 
 
 def laid_out(cells: Cells) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -292,12 +292,12 @@ class Finish:
             return self._effort
         finish_s = _MOST_FOUND * (self._judging_s + self._looking_s) + _PART * _MOST_OTHERS * self._judging_s
         finish_s = min(finish_s, SHARES.judging * budget_s)
-        if self._baselines:
-            # Every route is judged by the coverable cells, which are found once.
-            _ = self._fine.coverable
+        # Every route is judged by the coverable cells, and along the same transits, which are found with the first one.
+        for each in self._baselines[:_JUDGED_FIRST]:
             begin = self._effort.now()
-            judge_members(self._fine, [self._baselines[0].route])
+            judge_members(self._fine, [each.route])
             judging_s = self._effort.now() - begin
+        if self._baselines:
             finish_s = max(finish_s, min(_FEWEST_JUDGED * judging_s, SHARES.judging_of_fewest * budget_s))
         return dataclasses.replace(self._effort, budget_s=budget_s - late_s - finish_s)
 

@@ -118,9 +118,9 @@ def inside_flyable_area(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatA
     Returns:
         (m, 2) corners, and (m,) wanted heights.
     """
-    ways = _ways(site)
-    if ways is None or len(polyline_m) == 0:
+    if len(polyline_m) == 0 or not _has_bays(site):
         return polyline_m, wanted_agl_m
+    ways = flyable_ways(site)
     corners = [ways.inside(corner) for corner in polyline_m]
     places, heights = [corners[0]], [float(wanted_agl_m[0])]
     for k in range(1, len(corners)):
@@ -137,11 +137,16 @@ def inside_flyable_area(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatA
 
 
 @once
-def _ways(site: Site) -> WayRound | None:
-    """Ways inside the flyable area; none where it is convex, so that every line between two places is inside."""
+def _has_bays(site: Site) -> bool:
+    """Whether a line between two places inside the flyable area may leave it."""
     polygon = flyable_area(site).polygon
-    simple = polygon.is_empty or (not site.zones and polygon.convex_hull.area - polygon.area < _MARGIN_M)
-    return None if simple else WayRound(polygon)
+    return not polygon.is_empty and (bool(site.zones) or polygon.convex_hull.area - polygon.area >= _MARGIN_M)
+
+
+@once
+def flyable_ways(site: Site) -> WayRound:
+    """Paths inside the flyable area."""
+    return WayRound(flyable_area(site).polygon)
 
 
 SAMPLE_SPACING_M = 5.0

@@ -39,7 +39,7 @@ _DEAF_TO_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 """A terminal sends Ctrl-C to all processes of a command; who started the workers decides."""
 
 _DASK = r"(dask|distributed)(\.|$)"
-_GOES_ON = "finished work is kept: repeat the command"
+_GOES_ON = "finished work is kept; repeat the command"
 
 
 class _TaskError(Exception):

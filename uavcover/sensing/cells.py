@@ -26,8 +26,8 @@ MOST_PLACES = 160_000
 _PROBED = 10_000
 
 MAX_CELLS = 16_000_000
-_MOST_RISES = 4_000_000
-"""With more cells rays are traced without :func:`uavcover.kernels.horizon.rises`, which takes half of the memory of a cell."""
+_MOST_RISES = 1_300_000
+"""With more cells rays are traced without :func:`uavcover.kernels.horizon.rises`, which takes most of the memory of a cell."""
 
 _SCATTERED = 0.5 * (math.sqrt(5.0) - 1.0), math.sqrt(2.0) - 1.0
 _SAMPLED = math.sqrt(3.0) - 1.0, math.sqrt(7.0) - 2.0
@@ -259,12 +259,13 @@ def _hides_m(site: Site) -> float:
     return terrain.surface_hides_m if isinstance(terrain, RasterTerrain) else math.inf
 
 
-def _rises(site: Site, centre: FloatArray, scatter_m: float) -> FloatArray:
+def _rises(site: Site, centre: FloatArray, scatter_m: float) -> NDArray[np.float32]:
     """Cells at which rays of the sensor may be less steep than the ground somewhere."""
     sight, surface = sight_for_cells(site.scenario.sensor), site.ground.surface
     if len(centre) > _MOST_RISES or sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
         return NO_RISE
-    return rises(surface, centre, reach_m=site.scenario.sensor.reach_m + scatter_m)
+    flattest = 1.0 / widest_tangent(sight)
+    return rises(surface, centre, reach_m=site.scenario.sensor.reach_m + scatter_m, flattest=flattest)
 
 
 def _spread(count: int, step: float) -> NDArray[np.float64]:

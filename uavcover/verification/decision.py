@@ -148,7 +148,7 @@ def decide(
         findings += _judge_coverage(coverage, flown, perhaps)
         findings += _judge_overlap(coverage, pictures, perhaps)
         if evidence.photos_required and any(j.photos is not None and j.photos.source == "predicted" for j in judged):
-            findings.append(unproved("photos", "photos are required (--require-photos), and the vehicle reported none"))
+            findings.append(unproved("photos", "photos are required (--require-photos), but the vehicle reported none"))
     else:
         # Cells that photos may show within their errors, or that only photos of unknown sharpness show.
         findings += _judge_coverage(coverage, flown, lambda: flown.possibly_seen)

@@ -160,7 +160,7 @@ def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, told: float) -> Non
         (("fence.waypoints", "--dem", DEM), "no mission"),
         (("empty.waypoints", "--dem", DEM), "no items"),
         (("broken.waypoints", "--dem", DEM), "broken.waypoints"),
-        (("m.waypoints", "--dem", "none.tif"), "none.tif: no such file; give --dem"),
+        (("m.waypoints", "--dem", "none.tif"), "none.tif: no such file; set --dem"),
         (("m.waypoints", "--dem", DEM, "--min-height", "130m"), "above --max-height, 120 m"),
         (("m.waypoints", "--dem", DEM, "--vehicle", "bicycle"), "bicycle"),
         (("m.waypoints", "--dem", DEM, "--flies-as", "bird"), "bird"),

@@ -66,7 +66,7 @@ def test_a_split_export_has_numbers(cli: Cli, planned: Path, tmp_path: Path) -> 
     assert "would be overwritten; use --force" in again.error
     whole = cli("export", planned, "--format", "litchi", "-o", out, "--force")
     assert whole.code == 2
-    assert "survey-1.csv: belongs to another export" in whole.error
+    assert "survey-1.csv: this file belongs to another export" in whole.error
     assert not out.exists()
 
 
@@ -101,7 +101,7 @@ def test_an_aircraft_of_ones_own(cli: Cli, planned: Path, tmp_path: Path) -> Non
         ("drone = [77, 0]", "drone = [77, -1]", "drone: -1 is not a whole number"),
         ("drone = [77, 0]", "drone = [77, 0.5]", "drone: 0.5 is not a whole number"),
         ("payload = 66", "payload = true", "payload: True is not a whole number"),
-        ("payload = 66\n", "", "payload: is missing"),
+        ("payload = 66\n", "", "payload: the key is missing"),
         ("payload = 66", "payloads = 66", "payloads: unknown key"),
         ('"wide,zoom"', '"wide,<b>"', "image_format: '<b>' is not one of"),
         ("[-90, 35]", "[35, -90]", "pitch_range_deg: write the lowest angle"),
@@ -125,7 +125,7 @@ def test_an_aircraft_that_is_none(cli: Cli, planned: Path, tmp_path: Path, befor
         (["--format", "wpml", "--drone", "m3x", "-o", "x.kmz"], "'m3x' is not known; did you mean"),
         (["--format", "wpml", "--drone", "m3e", "-o", "x.zip"], "x.zip is not a .kmz file"),
         (["--format", "gpx", "--drone", "m3e", "-o", "x.gpx"], "--drone: this option requires --format wpml"),
-        (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "100"], "Litchi takes 99 at most"),
+        (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "100"], "the limit of Litchi is 99"),
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "3"], "3 is too few"),
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "-1"], "-1 is too few"),
         (["--format", "litchi", "-o", "x.csv", "--sortie", "1"], "without sorties"),

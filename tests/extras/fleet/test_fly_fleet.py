@@ -234,13 +234,13 @@ def test_one_that_is_not_ready_keeps_all_on_the_ground(planned: RunFolder, tmp_p
 
 def test_the_plan_is_for_another_number_of_vehicles(planned: RunFolder, tmp_path: Path) -> None:
     run = copied(planned, tmp_path)
-    with pytest.raises(InputError, match=r"is flown by 2 vehicles, and --to names 3; give --to 2 times, or plan it"):
+    with pytest.raises(InputError, match=r"the plan is for 2 vehicles, but --to names 3; use --to 2 times, or plan it"):
         planned_jobs(run, 3)
     document = json.loads(run.file("plan.json").read_text())
     document["fleet"]["vehicles"] = 3
     run.file("plan.json").write_text(json.dumps(document))
     # It said to plan for three, for whom it was planned.
-    with pytest.raises(InputError, match=r"give --to 2 times; more vehicles would not finish sooner$"):
+    with pytest.raises(InputError, match=r"use --to 2 times; more vehicles would not finish sooner$"):
         planned_jobs(run, 3)
     document["sorties"][0]["vehicle"] = 7
     run.file("plan.json").write_text(json.dumps(document))

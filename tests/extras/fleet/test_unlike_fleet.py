@@ -142,7 +142,7 @@ def test_one_vehicle_flies_one_flight_at_a_time_from_its_launch_points(tmp_path:
     # It is one vehicle: it has one link, and the words are those of places.
     run, user = plan_for(tmp_path / "run", site, route), Listener()
     for refuse in (lambda: first_sorties(run, 2), lambda: planned_jobs(run, 2)):
-        with pytest.raises(InputError, match=r"planned one at a time; give one --to, and --sortie N"):
+        with pytest.raises(InputError, match=r"planned one at a time; use one --to, and --sortie N"):
             refuse()
     say_fleet(user, fleet_document(site, flights))
     assert [line.split("sorties")[0].strip() for line in user.lines[:2]] == ["from home", "from launch point 1"]
@@ -212,7 +212,7 @@ def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) 
 
     run = copied(planned, tmp_path)
     with pytest.raises(
-        FleetFailedError, match=r"leads to px4, and vehicle 1 is planned for ardupilot; give --to in the order"
+        FleetFailedError, match=r"leads to px4, but vehicle 1 is planned for ardupilot; use --to in the order"
     ):
         fly(run, Hangar(2, swapped), Listener())
 
@@ -221,7 +221,7 @@ def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) 
 
     hangar = Hangar(2, elsewhere)
     with pytest.raises(
-        FleetFailedError, match=r"it is at the home of vehicle 2: give --to in the order of the vehicles"
+        FleetFailedError, match=r"it is at the home of vehicle 2: use --to in the order of the vehicles"
     ):
         fly(run, hangar, Listener())
     assert all(vehicle.took_off_at_s is None for flown in hangar.flown.values() for vehicle in flown)
@@ -252,7 +252,7 @@ def test_a_vehicle_that_reaches_nothing_stays_on_the_ground(tmp_path: Path) -> N
     assert [row.vehicle for row in first_sorties(run, 3)] == [1, 3]
     with pytest.raises(InputError, match=r"is flown by 3 vehicles, and --to names 2"):
         planned_jobs(run, 2)
-    with pytest.raises(InputError, match=r"its 3 vehicles differ, but --to names 2; give the link of each"):
+    with pytest.raises(InputError, match=r"the 3 vehicles differ, but --to names 2; specify the link of each"):
         first_sorties(run, 2)
 
 

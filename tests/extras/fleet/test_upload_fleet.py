@@ -131,6 +131,6 @@ def test_fewer_vehicles_fly_than_the_plan_has(folder: Path, tmp_path: Path) -> N
     (tmp_path / "sortie-1").mkdir()
     (tmp_path / "sortie-1" / "plan.json").write_text("{}")
     with pytest.raises(
-        InputError, match=r"is flown by 2 vehicles, .*; more vehicles would not finish sooner; give --to 2 times"
+        InputError, match=r"the plan is for 2 vehicles, .*; more vehicles would not finish sooner; use --to 2 times"
     ):
         first_sorties(RunFolder(tmp_path), 3)

@@ -56,9 +56,9 @@ def test_a_number_that_was_asked_for_is_refused_with_one_that_would_do() -> None
 
 
 def test_too_little_for_any_number_of_parts_is_refused_with_what_it_takes() -> None:
-    with pytest.raises(InputError, match=r"planning 1,000,000 cells takes about 510 MiB at least"):
+    with pytest.raises(InputError, match=r"planning 1,000,000 cells takes at least about 510 MiB"):
         within(499 * MIB)
-    with pytest.raises(InputError, match="takes about 710 MiB at least"):
+    with pytest.raises(InputError, match="takes at least about 710 MiB"):
         within(600 * MIB, most_parts=2)
 
 

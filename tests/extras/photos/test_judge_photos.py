@@ -290,8 +290,8 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ((), "give either --area"),
-        (("--area", AREA, "--scenario", "x.toml"), "give either --area"),
+        ((), "specify either --area"),
+        (("--area", AREA, "--scenario", "x.toml"), "specify either --area"),
         (("--scenario", "jacksboro", "--gsd", "2cm"), "--gsd belongs to --area"),
         (("--area", AREA), "--dem"),
         (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 must be above 0"),

@@ -142,7 +142,7 @@ def test_a_changed_scenario_is_noticed(cli, tmp_path, flight):
         (("--area", AREA, "--dem", DEM), "--area needs a flight"),
         (("RUN", "--gsd", "2cm"), "--gsd requires --area"),
         (("RUN", "-o", "x"), "-o requires --area"),
-        (("FLIGHT", "--area", AREA, "--dem", DEM), "give --camera"),
+        (("FLIGHT", "--area", AREA, "--dem", DEM), "specify --camera"),
         (("FLIGHT", "--area", AREA, "--camera", "dji-m3e"), "--dem"),
         (("FLIGHT", "--area", "36.6,-84.3,60", "--dem", DEM, "--camera", "dji-m3e"), "km from the area; the limit is"),
         (("ELSEWHERE", "--area", AREA, "--dem", DEM, "--camera", "dji-m3e"), "latitude and longitude swapped"),

@@ -53,7 +53,7 @@ def test_terrain_files_are_written_and_not_replaced(cli: Cli, tmp_path: Path) ->
     assert sum(any(data[at : at + 2048]) for at in range(0, len(data), 2048)) == blocks
     again = cli(*arguments)
     assert again.code == 2
-    assert "already exists: choose another folder, or --force" in again.error
+    assert "already exists: choose another folder, or use --force" in again.error
     assert cli(*arguments, "--force").code == 0
     assert Path(name).read_bytes() == data
 

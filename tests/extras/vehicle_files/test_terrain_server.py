@@ -46,9 +46,9 @@ def test_json_has_the_counts_and_the_end_of_the_data_is_said() -> None:
     [
         ((), 2, "--dem: specify elevation data"),
         (("--dem", "nowhere.tif"), 2, "nowhere.tif: no such file"),
-        (("--dem", "tests/naive"), 2, "has no tile"),
+        (("--dem", "tests/naive"), 2, "contains no tile"),
         (("--dem", "README.md"), 2, "README.md: the file cannot be read as elevation data"),
-        (("--dem", DEM, "--vertical-datum", "WGS84"), 2, "give EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"),
+        (("--dem", DEM, "--vertical-datum", "WGS84"), 2, "use EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"),
         (("--dem", DEM, "--vertical-datum", "EGM2008"), 2, "omit the option"),
         (("--dem", DEM, "--height-unit", "fathoms"), 2, "is not known; use m, dm, cm, ft or us-ft"),
         (("--dem", DEM, "--band", "7"), 2, "has no band '7'"),

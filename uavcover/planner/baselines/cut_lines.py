@@ -27,9 +27,8 @@ from uavcover.planner.baselines.boustrophedon import (
     evaluated,
 )
 from uavcover.planner.baselines.swaths import to_lines_frame, width_across_m
-from uavcover.planner.terrain_following import lay_over_terrain
+from uavcover.planner.terrain_following import flyable_ways, lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
-from uavcover.scenario.airspace.way_round import WayRound
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -208,7 +207,7 @@ class _Ways:
     """
 
     def __init__(self, site: Site, places_m: FloatArray) -> None:
-        self._round = ways = WayRound(flyable_area(site).polygon)
+        self._round = ways = flyable_ways(site)
         count = len(places_m)
         self._straight_only = len(ways.corners_m) > _MOST_CORNERS
         self._nodes = places_m if self._straight_only else np.vstack([places_m, ways.corners_m])
