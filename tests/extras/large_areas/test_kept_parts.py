@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pytest
 
-from tests.extras.large_areas.test_planner import large, planned
+from tests.extras.large_areas.test_plan_by_parts import large, planned
 from uavcover.errors import UavcoverError
 from uavcover.extras.large_areas.divided_plan import KeptParts, search_parts_on
 from uavcover.extras.large_areas.part_search import PartTask
