@@ -93,7 +93,7 @@ def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) 
             continue
         if item.lat_deg == 0.0 and item.lon_deg == 0.0:
             if item.command == Command.NAV_WAYPOINT:
-                doubts.append(f"item {number}: a waypoint at latitude 0, longitude 0")
+                doubts.append(f"item {number}: this waypoint is at latitude 0, longitude 0")
             continue
         if home is None:
             continue

@@ -46,4 +46,4 @@ def test_bad_usage(cli: Cli, tmp_path: Path) -> None:
 def test_unwritable_place(cli: Cli) -> None:
     ended = cli("download", "--from", "mock:", "-o", "/proc/x.plan", "--type", "all")
     assert ended.code == 2
-    assert "/proc/x.plan: cannot be written" in ended.error
+    assert "/proc/x.plan: the file cannot be written" in ended.error

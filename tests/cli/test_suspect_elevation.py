@@ -106,7 +106,7 @@ def test_new_asks_and_a_script_must_say_so(cli: Cli, tmp_path: Path, filled, mon
     ended = cli(*new)
     assert ended.code == 2
     assert "exactly 0 m whose rim is at" in ended.err
-    assert "give --trust-dem (terrain.trust_heights = true)" in ended.err
+    assert "use --trust-dem (terrain.trust_heights = true)" in ended.err
     assert not (tmp_path / "s.toml").exists()
     for answer, code in (("n\n", 2), ("\n", 2), ("y\n", 0)):
         monkeypatch.setattr("sys.stdin", Terminal(answer))

@@ -37,7 +37,7 @@ def test_each_category_has_decisions_and_each_row_a_reason(px4):
 @pytest.mark.parametrize(
     ("px4", "values", "weight", "wanted", "said"),
     [
-        (False, {"MIS_RESTART": 1}, Weight.WARNING, 0.0, "a line of up to"),
+        (False, {"MIS_RESTART": 1}, Weight.WARNING, 0.0, "line of up to"),
         (False, {"MIS_RESTART": 0}, Weight.NONE, None, ""),
         (False, {"WP_YAW_BEHAVIOR": 0}, Weight.REFUSED, 1.0, TURNS),
         (False, {"WP_YAW_BEHAVIOR": 3}, Weight.NOTE, 1.0, "later in corners"),

@@ -152,7 +152,7 @@ def test_the_way_home_that_we_fly_then_has_its_planned_heights(autopilot, up):
         (ARDUPILOT, "MIS_RESTART", 1, Ending.LANDED, "MIS_RESTART was changed in flight from 0 to 1"),
         (ARDUPILOT, "RTL_ALT", 1000, Ending.LANDED, "they are predicted again with this height"),
         (ARDUPILOT, "FENCE_ALT_MAX", 60, Ending.SETTINGS_CHANGED, "the mission leaves this fence"),
-        (ARDUPILOT, "WPNAV_SPEED", 200, Ending.LANDED, "the vehicle flies at it at once"),
+        (ARDUPILOT, "WPNAV_SPEED", 200, Ending.LANDED, "the mission sets its own speed"),
         (ARDUPILOT, "FENCE_MARGIN", 3, Ending.LANDED, "the mission does not depend on it"),
         (PX4, "MPC_YAW_MODE", 5, Ending.LANDED, "the mission does not depend on it"),
         (PX4, "GF_MAX_VER_DIST", 60, Ending.SETTINGS_CHANGED, "would interrupt it"),

@@ -49,7 +49,7 @@ def test_a_picture_that_is_not_made_leaves_the_old_one(
     picture = tmp_path / "picture.png"
     picture.write_text("old")
     monkeypatch.setattr(viewer, "_viewer_program", lambda: tmp_path / "missing")
-    with pytest.raises(RecordingError, match="does not start"):
+    with pytest.raises(RecordingError, match="cannot be started"):
         screenshot(recorded, picture)
     assert [p.name for p in tmp_path.iterdir()] == ["picture.png"]
     assert picture.read_text() == "old"

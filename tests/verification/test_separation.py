@@ -124,7 +124,7 @@ def test_without_times_of_arrival_nothing_is_proved(received: str) -> None:
     wrong = np.full(len(times), np.nan) if received == "missing" else times[::-1]
     found = judge_separation(site_of(), [passing(0.0), passing(500.0, received=wrong)])
     assert found.pairs == ()
-    assert "track 2 the track has no arrival times of its positions" in texts(found, "not proved")[0]
+    assert "track 2 has no arrival times of its positions" in texts(found, "not proved")[0]
 
 
 def test_where_samples_are_rare_the_vehicle_may_have_been_elsewhere() -> None:

@@ -143,7 +143,9 @@ def upload_fleet(
                     raise VehicleError("the vehicle is armed; uploading to an armed vehicle requires --in-flight")
                 check_home(vehicle, site, compile_plan(site, planned.route, autopilot=vehicle.autopilot))
             except Exception:
-                user.warn(f"vehicle {sortie.vehicle} at {link.url}is not ready; no mission was uploaded to any vehicle")
+                user.warn(
+                    f"vehicle {sortie.vehicle} at {link.url} is not ready; no mission was uploaded to any vehicle"
+                )
                 raise
             vehicles.append(vehicle)
         for sortie, vehicle, (site, planned) in zip(sorties, vehicles, plans, strict=True):
