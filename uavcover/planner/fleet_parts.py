@@ -141,7 +141,7 @@ def plan_of_parts(
         plans: of each part.
         select_rule: chooses among what the parts are together.
         evaluations: of all searches.
-        soonest: combinations of routes that are members whatever they cost.
+        soonest: combinations of routes that are members at any cost.
     """
     rule, of_part = parse_rule(select_rule), _rule_of_part(select_rule)
     margin_m = site.scenario.limits.height_margin_m
@@ -302,7 +302,7 @@ def _most_for_time(members: Sequence[RouteMember]) -> list[RouteMember]:
 
 
 def _combinations(sets: Sequence[Sequence[RouteMember]]) -> list[list[RouteMember]]:
-    """A route of each part, so that each part has at least the required coverage, for all coverages that may be required.
+    """Routes of the parts that each have a required coverage, for all coverages that may be required.
 
     Args:
         sets: of each part, by coverage.

@@ -1,4 +1,4 @@
-"""Divide the area among vehicles that are alike: parts of equal time, a search in each, and flights that do not wait.
+"""Divide the area among vehicles that are alike: parts of equal time, and flights that do not wait.
 
 The first borders are by estimated work, the next ones by the times that were found. Then the slowest parts are searched once
 more. Last, parts are exchanged between the pads and routes are reversed, as long as the schedule ends sooner.
@@ -29,7 +29,7 @@ from uavcover.scenario.vehicle_site import vehicle_sites
 _log = logging.getLogger(__name__)
 
 SearchAgain = Callable[[Site, float, str, int], Plan]
-"""Searches on a site whose area is one part, with a share of the effort, by a rule; the number makes it another search."""
+"""Searches in a part of the area, with a share of the effort, by a rule. Another number is another search."""
 
 _BESIDE = 0.5
 """Homes that are nearer to vehicle 1's, in sides of a square of the area's size, count as one for the borders."""
@@ -44,7 +44,7 @@ _LEAST_GAIN_S = 0.5
 
 
 def is_one_flight_each(site: Site) -> bool:
-    """Whether one battery is enough for each vehicle's part of the area, as estimated with half as much again for turns."""
+    """Whether one battery is enough for each vehicle's part. The estimate allows half as much again for turns."""
     vehicle, work = site.scenario.vehicle, flight_work(site)
     whole_s = work.of(site.area, site.scenario.fleet.vehicles) / vehicle.cruise_speed_m_s
     longest_s = vehicle.longest_flight_s
@@ -54,7 +54,7 @@ def is_one_flight_each(site: Site) -> bool:
 def plan_in_shares(
     site: Site, *, rule: str, required: float, search: SearchAgain, efforts: Sequence[float]
 ) -> tuple[Plan, Site] | None:
-    """The plan of a fleet whose vehicles have a part of the area each, and the site that says which.
+    """The plan of a fleet whose vehicles have parts of the area, and the site with the parts.
 
     Args:
         site: the scenario on its ground; its vehicles are alike but for their homes.
@@ -127,7 +127,7 @@ class _Division:
         return found
 
     def log(self) -> None:
-        """What came out of it, for ``-v``."""
+        """Log the times of the parts."""
         _log.info(
             "parts of %s ha: %s s, together %s",
             [round(own.area.area / 1e4, 1) for own in self.parts],
@@ -181,7 +181,7 @@ class _Division:
 
 
 def _divided(site: Site, shares: Sequence[float]) -> tuple[Site, tuple[int, ...]] | None:
-    """The site with a part of the area for each vehicle, and the number of each one's part; none where it has too little.
+    """The site with a part for each vehicle, and the parts' numbers. None where the area is too small.
 
     Work includes the transits from vehicle 1's home where all homes are beside it. The sum of the distances from homes to parts
     is least, so that the straight lines between them do not cross.

@@ -209,9 +209,10 @@ def plan_and_site(
 
 
 def _may_be_shared_out(site: Site, request: SearchRequest, rule: str) -> bool:
-    """Whether a fleet's area is divided among its vehicles before the search: alike but for their homes, in one flight each.
+    """Whether a fleet's area is divided among its vehicles before the search.
 
-    Else, and where the rule names no coverage or limits the mission, one route is searched for and split.
+    They are alike but for their homes, and one flight each is enough. Else, and where the rule names no coverage or limits
+    the mission, one route is searched for and split.
     """
     scenario = site.scenario
     kinds = {dataclasses.replace(each, home=None, link=None, system_id=None) for each in scenario.vehicles}

@@ -1,13 +1,14 @@
 """Take-off pads: own homes at and beside [home] for the vehicles of a fleet that are alike.
 
-Vehicles cannot stand at one position, and one position lets only one vehicle take off or land at a time. Pads lie in a row
-through [home], which is the first one, across the direction of the area, so that paths from them fan out; more in rows beside it.
+Vehicles cannot stand at one position, and one position lets only one vehicle take off or land at a time. Pads lie side by side
+across the direction of the area, so that paths from them fan out; [home] is the first one. Where the ground is not good enough a
+pad is moved back or forth. What does not fit side by side follows in further rows.
 """
 
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -22,8 +23,6 @@ from uavcover.scenario.obstacles import check_is_clear
 from uavcover.scenario.site import Site
 from uavcover.scenario.surface_model import check_home_is_open
 
-_SPARE = 4
-"""Positions that are tried for each pad."""
 _ROUNDING_M = 0.01
 """Added to the distance between pads, whose positions are rounded."""
 _HALF_ROW = 4
@@ -32,7 +31,7 @@ _AROUND = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
 def on_pads(site: Site) -> Site:
-    """The site with a pad for each vehicle, as ``scenario.vehicles``; itself where vehicles have homes, or are to share one.
+    """The site with a pad for each vehicle in ``scenario.vehicles``. Unchanged where they have homes, or share one.
 
     Raises:
         ScenarioError: there is no room for all of them; says why, and what to do.
@@ -47,19 +46,21 @@ def on_pads(site: Site) -> Site:
     spacing_m = least_m if fleet.pad_spacing_m is None else fleet.pad_spacing_m
     if spacing_m < least_m:
         raise ScenarioError(
-            f"fleet.pad_spacing_m: {spacing_m:g} is below separation_m + 2 path_error_m + 2 limits.max_home_error_m = {least_m:g}; "
-            "give more, lower max_home_error_m, or give 0 for one home"
+            f"fleet.pad_spacing_m: {spacing_m:g} is below separation_m + 2 path_error_m + 2 limits.max_home_error_m = "
+            f"{least_m:g}; give more, lower max_home_error_m, or give 0 for one home"
         )
-    homes, objection = [scenario.home], ""
-    for place_en in itertools.islice(_lattice(site, home[:2], spacing_m + _ROUNDING_M), _SPARE * fleet.vehicles):
+    places, objection = [home[:2]], ""
+    for place_en, is_beside in _candidates(site, home[:2], spacing_m + _ROUNDING_M):
+        if len(places) == fleet.vehicles:
+            break
+        if not is_beside(places):
+            continue
         try:
             _check_pad(site, place_en)
+            places.append(place_en)
         except UavcoverError as error:
             objection = objection or str(error)
-            continue
-        homes.append(_home_at(site, place_en))
-        if len(homes) == fleet.vehicles:
-            break
+    homes = [scenario.home, *(_home_at(site, place_en) for place_en in places[1:])]
     if len(homes) < fleet.vehicles:
         raise ScenarioError(
             f"fleet.vehicles: beside [home] there is room for {len(homes)} of {fleet.vehicles} pads, "
@@ -79,18 +80,29 @@ def _without_link(site: Site) -> Vehicle:
     return dataclasses.replace(site.scenario.vehicle, link=None, system_id=None)
 
 
-def _lattice(site: Site, home_en: FloatArray, spacing_m: float) -> Iterator[FloatArray]:
-    """Positions on a hexagonal lattice around a home: a row across the way to the area, then rows behind and before it."""
+def _candidates(
+    site: Site, home_en: FloatArray, spacing_m: float
+) -> Iterator[tuple[FloatArray, Callable[[Sequence[FloatArray]], bool]]]:
+    """Positions around a home, the best ones first, each with a test against the pads that were found."""
     middle = site.area.centroid
     along = math.atan2(middle.y - home_en[1], middle.x - home_en[0])
     ahead = np.array([math.cos(along), math.sin(along)])
     across = np.array([-math.sin(along), math.cos(along)])
-    for row in itertools.chain([0], itertools.chain.from_iterable((-k, k) for k in itertools.count(1))):
-        shift = 0.5 * (row % 2)
-        columns = [k + shift for k in range(-_HALF_ROW, _HALF_ROW + 1)]
-        for column in sorted(columns, key=lambda each: (abs(each), each)):
-            if row != 0 or column != 0.0:
-                yield home_en + spacing_m * (column * across + row * math.sqrt(0.75) * ahead)
+    columns = sorted(range(-_HALF_ROW, _HALF_ROW + 1), key=lambda k: (abs(k), k))
+    rows = sorted(np.arange(-_HALF_ROW, _HALF_ROW + 0.5, 0.5).tolist(), key=lambda k: (abs(k), k))
+    for column, row in itertools.product(columns, rows):
+        if abs(row) <= 0.5 * _HALF_ROW:
+            place_en = home_en + spacing_m * (column * across + row * ahead)
+            yield (
+                place_en,
+                lambda pads, to=place_en @ across: all(abs(pad @ across - to) > 0.99 * spacing_m for pad in pads),
+            )
+    for row, column in itertools.product(rows, columns):
+        place_en = home_en + spacing_m * (column * across + row * ahead)
+        yield (
+            place_en,
+            lambda pads, here=place_en: all(np.hypot(*(pad - here)) >= spacing_m - 0.1 * _ROUNDING_M for pad in pads),
+        )
 
 
 def _check_pad(site: Site, place_en: FloatArray) -> None:
