@@ -71,8 +71,8 @@ class Shares:
     judging_baselines: float = 0.01
     order: float = 0.05
     sizes: float = 0.03
-    fleet_parts: tuple[float, ...] = (0.25, 0.3, 0.25)
-    fleet_whole: float = 0.2
+    fleet_parts: tuple[float, ...] = (0.25, 0.25, 0.4)
+    fleet_whole: float = 0.1
     late_bounds: float = 0.05
     simplified_until: float = 1.03
     parts: float = 0.85

@@ -236,6 +236,14 @@ class Soonest:
                 break
         return list(found.values())
 
+    def spare(self, longest_s: float) -> float:
+        """Coverage beyond the required one, of the whole, by the routes of most coverage that take at most this time."""
+        chosen, maps = self._within(longest_s), self._maps[0][1]
+        if min(chosen) < 0:
+            return 0.0
+        seen = np.logical_or.reduce([self._seen_by(0, part, option) for part, option in enumerate(chosen)])
+        return max(0.0, maps[0].share_of_coverable(seen) - self.required)
+
     def beside(self, members: Sequence[RouteMember], longest_s: float) -> list[list[RouteMember]]:
         """Combinations with another route of one part, and where that takes coverage, with more of one other part.
 

@@ -145,19 +145,22 @@ class _Division:
 
     def balanced(self, shares: Sequence[float]) -> list[float]:
         """Shares of the work with which the parts would take equal times."""
-        times_s = [max(plan.chosen.metrics.time_s, 1.0) for plan in self.plans]
+        members = self.combinations[0] if self.combinations else [plan.chosen for plan in self.plans]
+        times_s = [max(member.metrics.time_s, 1.0) for member in members]
         changed = list(shares)
         for piece, time_s in zip(self.piece_of, times_s, strict=True):
             changed[piece] *= (sum(times_s) / len(times_s) / time_s) ** _SHIFT
         return changed
 
     def searched_again(self, rule: str, required: float, search: SearchAgain, effort: float) -> "_Division":
-        """The same with another search of the parts that take longest."""
+        """The same with another search of the parts that take longest, for as little coverage as the others leave to them."""
         times_s = [member.metrics.time_s for member in self.combinations[0]]
         slow = [k for k, time_s in enumerate(times_s) if time_s >= sum(times_s) / len(times_s)]
         plans = list(self.plans)
+        spare = Soonest(self.site, plans, required).spare(max(times_s)) / len(slow) * self.site.area.area
         for k in slow:
-            again = search(self.parts[k], effort / len(slow), rule, 1)
+            less = self.combinations[0][k].metrics.coverage_of_coverable - spare / self.parts[k].area.area
+            again = search(self.parts[k], effort / len(slow), f"coverage>={min(less, required):.4f}", 1)
             first, second = sorted((again, plans[k]), key=lambda plan: (not plan.rule_met, plan.chosen.metrics.time_s))
             members = sorted((*first.members, *second.members), key=lambda m: m.metrics.coverage_of_coverable)
             plans[k] = replace(first, members=tuple(members))
