@@ -84,7 +84,7 @@ def plan_in_shares(
         return None
     if len(efforts) > 1 and not any(each.is_interrupted for each in divisions):
         best = min(divisions, key=lambda each: each.longest_s)
-        divisions.append(best.searched_again(rule, required, search, efforts[-1]))
+        divisions.append(best.searched_again(required, search, efforts[-1]))
     arranged = min((_arranged(each, required) for each in divisions), key=lambda each: each.end_s)
     evaluations = sum(plan.evaluations for division in divisions for plan in division.plans)
     return plan_of_parts(
@@ -152,7 +152,7 @@ class _Division:
             changed[piece] *= (sum(times_s) / len(times_s) / time_s) ** _SHIFT
         return changed
 
-    def searched_again(self, rule: str, required: float, search: SearchAgain, effort: float) -> "_Division":
+    def searched_again(self, required: float, search: SearchAgain, effort: float) -> "_Division":
         """The same with another search of the parts that take longest, for as little coverage as the others leave to them."""
         times_s = [member.metrics.time_s for member in self.combinations[0]]
         slow = [k for k, time_s in enumerate(times_s) if time_s >= sum(times_s) / len(times_s)]

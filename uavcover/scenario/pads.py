@@ -8,7 +8,7 @@ pad is moved back or forth. What does not fit side by side follows in further ro
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import shapely
@@ -50,10 +50,10 @@ def on_pads(site: Site) -> Site:
             f"{least_m:g}; give more, lower max_home_error_m, or give 0 for one home"
         )
     places, objection = [home[:2]], ""
-    for place_en, is_beside in _candidates(site, home[:2], spacing_m + _ROUNDING_M):
+    for place_en, axes in _candidates(site, home[:2], spacing_m + _ROUNDING_M):
         if len(places) == fleet.vehicles:
             break
-        if not is_beside(places):
+        if min(float(np.linalg.norm(axes @ (place - place_en))) for place in places) < spacing_m:
             continue
         try:
             _check_pad(site, place_en)
@@ -80,10 +80,11 @@ def _without_link(site: Site) -> Vehicle:
     return dataclasses.replace(site.scenario.vehicle, link=None, system_id=None)
 
 
-def _candidates(
-    site: Site, home_en: FloatArray, spacing_m: float
-) -> Iterator[tuple[FloatArray, Callable[[Sequence[FloatArray]], bool]]]:
-    """Positions around a home, the best ones first, each with a test against the pads that were found."""
+def _candidates(site: Site, home_en: FloatArray, spacing_m: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Positions around a home, the best ones first, and the axes along which they are to be apart from other pads.
+
+    First across the direction of the area, then in any direction.
+    """
     middle = site.area.centroid
     along = math.atan2(middle.y - home_en[1], middle.x - home_en[0])
     ahead = np.array([math.cos(along), math.sin(along)])
@@ -92,17 +93,9 @@ def _candidates(
     rows = sorted(np.arange(-_HALF_ROW, _HALF_ROW + 0.5, 0.5).tolist(), key=lambda k: (abs(k), k))
     for column, row in itertools.product(columns, rows):
         if abs(row) <= 0.5 * _HALF_ROW:
-            place_en = home_en + spacing_m * (column * across + row * ahead)
-            yield (
-                place_en,
-                lambda pads, to=place_en @ across: all(abs(pad @ across - to) > 0.99 * spacing_m for pad in pads),
-            )
+            yield home_en + spacing_m * (column * across + row * ahead), across[None]
     for row, column in itertools.product(rows, columns):
-        place_en = home_en + spacing_m * (column * across + row * ahead)
-        yield (
-            place_en,
-            lambda pads, here=place_en: all(np.hypot(*(pad - here)) >= spacing_m - 0.1 * _ROUNDING_M for pad in pads),
-        )
+        yield home_en + spacing_m * (column * across + row * ahead), np.eye(2)
 
 
 def _check_pad(site: Site, place_en: FloatArray) -> None:
