@@ -34,8 +34,12 @@ _log = logging.getLogger(__name__)
 
 _LEAST_SEARCH_S = 1e-3
 """Of a search whose time has passed before it begins: it takes the first route."""
-_LEAST_EVALUATIONS, _LEAST_S = 300, 5.0
-"""A fleet's area is divided more than once where the search has at least this for each vehicle."""
+_LEAST_S, _LEAST_EACH_S = 6.0, 1.5
+"""Time with which a fleet's area is divided at all: together, and of each vehicle. With less, one route is found sooner."""
+_SEVERAL_S, _SEVERAL_EVALUATIONS = 4.0, 300
+"""Time and evaluations of each vehicle with which it is divided more than once."""
+_ARRANGING_S = 0.6
+"""Time of each vehicle in which flights are arranged after the search."""
 _PART_EVALUATIONS = 1.75
 """Evaluations of routes over a vehicle's part that take as long as one of a route over the whole area."""
 _ANOTHER_SEED = 1_000_003
@@ -189,11 +193,17 @@ def plan_and_site(
     if groups_of(site.scenario):
         return sized(plan_parts(site, select_rule=rule, search=search), site)
     padded, required = on_pads(site), parse_rule(rule).required_coverage
-    if required is not None and _may_be_shared_out(padded, request, rule):
-        each = (
-            min(total / _LEAST_EVALUATIONS, (request.budget_s or math.inf) / _LEAST_S) / padded.scenario.fleet.vehicles
-        )
-        efforts = SHARES.fleet_parts if each >= 1.0 else (1.0 - SHARES.fleet_whole,)
+    vehicles, budget_s = padded.scenario.fleet.vehicles, request.budget_s
+    each_s = math.inf if budget_s is None else budget_s / vehicles
+    if (
+        required is not None
+        and each_s >= max(_LEAST_EACH_S, _LEAST_S / vehicles)
+        and _may_be_shared_out(padded, request, rule)
+    ):
+        several = each_s >= _SEVERAL_S and total >= _SEVERAL_EVALUATIONS * vehicles
+        efforts = SHARES.fleet_parts if several else (1.0 - SHARES.fleet_whole,)
+        if budget_s is not None:
+            request = dataclasses.replace(request, budget_s=budget_s - _ARRANGING_S * vehicles)
         try:
             total = round(_PART_EVALUATIONS * total)
             shared = plan_in_shares(padded, rule=rule, required=required, search=search, efforts=efforts)
@@ -202,8 +212,8 @@ def plan_and_site(
             shared = None
         if shared is not None and (found := sized(*shared))[0].chosen.mission is not None:
             return found
-        if request.budget_s is not None:
-            request = dataclasses.replace(request, budget_s=SHARES.fleet_whole * request.budget_s)
+        if budget_s is not None:
+            request = dataclasses.replace(request, budget_s=SHARES.fleet_whole * budget_s)
     whole, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept, stops=stops)
     return sized(whole, on_pads(judged))
 
