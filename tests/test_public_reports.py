@@ -336,7 +336,9 @@ REPORTS = (
         "a void filled with 0 reads as ground", void_filled_with_zero, "^a block .* of exactly 0 m whose rim is at 7"
     ),
     Report("a warp's collar reads as ground", warp_collar, "^a block .* of exactly 0 m whose rim is at"),
-    Report("tiles do not fit", tile_in_feet_beside_one_in_metres, "^a straight step of 1.* m over 1.* m, as between tiles"),
+    Report(
+        "tiles do not fit", tile_in_feet_beside_one_in_metres, "^a straight step of 1.* m over 1.* m, as between tiles"
+    ),
     Report("a narrow sensor counts only spots of its swath", narrow_sensor, "^(9[5-9]|100) %$"),
     Report("the sea has no data, or no tile", sea_without_data, r"^\[0\. 0\.\] \(\)$"),
     Report(
@@ -359,7 +361,7 @@ REPORTS = (
     Report(
         "a plan contradicts itself",
         plan_that_contradicts_itself,
-        "AltitudeMode 2 is AMSL, but its frame is ABOVE_HOME.*Altitude is 120, but params.6. is 50.*return point.* outside the fence",
+        "AltitudeMode 2 is AMSL, but .* ABOVE_HOME.*Altitude is 120, but params.6. is 50.*return point.* outside the fence",
     ),
     Report(
         "DJI's template is no flight",

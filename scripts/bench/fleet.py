@@ -1,6 +1,6 @@
 """Time to the end with several vehicles, of the plain boustrophedon over a bundled scenario: no search, so equal every time.
 
-Usage: .venv/bin/python scripts/bench/fleet.py [SCENARIO] [--vehicles 1,2,4,8]
+Usage: .venv/bin/python scripts/bench/fleet.py [SCENARIO] [--vehicles 1,2,4,8] [--pads]
 """
 
 import argparse
@@ -12,6 +12,7 @@ from uavcover.missions.flights import compile_flights
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.fleet_document import fleet_document
+from uavcover.scenario.pads import on_pads
 from uavcover.scenario.site import load_site
 
 
@@ -20,6 +21,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenario", nargs="?", type=scenario_name, default="ridge-25km2")
     parser.add_argument("--vehicles", type=whole_numbers, default="1,2,4,8")
+    parser.add_argument("--pads", action="store_true", help="from pads, as plan places them, and not from one home")
     arguments = parser.parse_args()
     alone = load_site(arguments.scenario)
     route = fly_layout(alone, plain_boustrophedon(alone))
@@ -29,7 +31,7 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|---|")
     for vehicles in arguments.vehicles:
-        site = alone.flown_by(vehicles)
+        site = on_pads(alone.flown_by(vehicles)) if arguments.pads else alone.flown_by(vehicles)
         started = time.perf_counter()
         flights = compile_flights(site, route)
         took_s = time.perf_counter() - started

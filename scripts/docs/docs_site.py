@@ -61,6 +61,7 @@ _EXAMPLES = {
     "vehicle.home.lon_deg": "-84.219",
     "vehicle.home.east_m": "120.0",
     "vehicle.home.north_m": "-40.0",
+    "fleet.pad_spacing_m": "60.0",
     "flight_window_utc": '["2026-06-01T06:00Z", "2026-06-01T18:00Z"]',
     "vehicle.power.hover_induced_m_s": "4.8",
     "area.geojson": '"valley.geojson"',

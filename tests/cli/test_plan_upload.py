@@ -128,7 +128,10 @@ def test_bad_url(cli: Cli, planned: Path) -> None:
 def test_several_vehicles_of_a_plan_for_one(cli: Cli, planned: Path) -> None:
     ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:")
     assert ended.code == 2
-    assert "the plan is for one vehicle, but --to names 2; plan it with: uavcover plan SCENARIO --vehicles 2" in ended.error
+    assert (
+        "the plan is for one vehicle, but --to names 2; plan it with: uavcover plan SCENARIO --vehicles 2"
+        in ended.error
+    )
     ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:", "--sortie", 1)
     assert ended.code == 2
     assert "--sortie: with several --to" in ended.error

@@ -228,5 +228,7 @@ def test_one_that_was_killed_before_its_first_sample_says_so(flight: Flight, tmp
     path = tmp_path / "flight.rrd"
     LiveRecording(path, site=flight.site, coverage=flight.coverage, planned=flight.planned).close()
     assert layout.TERRAIN in {row.entity for row in describe_recording(path)}
-    with pytest.raises(RecordingError, match=r"flight\.rrd: the recording ends before its first sample; use track\.csv"):
+    with pytest.raises(
+        RecordingError, match=r"flight\.rrd: the recording ends before its first sample; use track\.csv"
+    ):
         read_recorded_track(path)

@@ -1,5 +1,6 @@
 """Schedule the sorties of a fleet so that all stay apart and the last landing is early."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.separation import late_s, pieces_of, safe_start_s, unsafe_starts
+from uavcover.missions.separation import UnsafeStarts, late_s, safe_start_s
 from uavcover.missions.timeline import Timeline
 from uavcover.model.vehicle import Fleet
 
@@ -30,7 +31,11 @@ class Start:
 
 
 def schedule(
-    timelines: Sequence[Timeline], fleet: Fleet, *, vehicle_of: Sequence[int] | None = None
+    timelines: Sequence[Timeline],
+    fleet: Fleet,
+    *,
+    vehicle_of: Sequence[int] | None = None,
+    unsafe: UnsafeStarts | None = None,
 ) -> tuple[Start, ...]:
     """Find starts for sorties that keep the vehicles apart.
 
@@ -41,8 +46,9 @@ def schedule(
         timelines: of the sorties.
         fleet: what keeps the vehicles apart.
         vehicle_of: who flies each, from 0; none: any vehicle, as all are alike, numbered by their first take-offs.
+        unsafe: starts of pairs of these flights, where some are known from before.
     """
-    search = _OrderSearch(timelines, fleet, vehicle_of)
+    search = _OrderSearch(timelines, fleet, vehicle_of, unsafe or UnsafeStarts(fleet))
     by_length = sorted(range(len(timelines)), key=lambda k: (-timelines[k].duration_s, k))
     best = min((list(range(len(timelines))), by_length), key=lambda order: search.value(order))
     best = search.improved(best)
@@ -60,18 +66,17 @@ def _by_start(start: Start) -> float:
 class _OrderSearch:
     """Lists of sorties, each of which gives a schedule: one after the other gets the earliest start that is left."""
 
-    def __init__(self, timelines: Sequence[Timeline], fleet: Fleet, vehicle_of: Sequence[int] | None) -> None:
+    def __init__(
+        self, timelines: Sequence[Timeline], fleet: Fleet, vehicle_of: Sequence[int] | None, unsafe: UnsafeStarts
+    ) -> None:
         self._fleet, self._vehicle_of = fleet, vehicle_of
         self.durations_s = [t.duration_s for t in timelines]
         late = late_s(np.array(self.durations_s), fleet)
         self._busy_s = list(np.array(self.durations_s) + late + fleet.turnaround_s)
-        pieces = [pieces_of(t, fleet) for t in timelines]
-        self._unsafe: dict[tuple[int, int], FloatArray] = {}
-        for a in range(len(pieces)):
-            for b in range(a + 1, len(pieces)):
-                found = unsafe_starts(pieces[a], pieces[b], fleet)
-                self._unsafe[a, b] = found
-                self._unsafe[b, a] = -found[::-1, ::-1]
+        self._unsafe: dict[tuple[int, int], FloatArray] = {
+            (a, b): unsafe.between(timelines[a], timelines[b])
+            for a, b in itertools.permutations(range(len(timelines)), 2)
+        }
 
     def starts(self, order: Sequence[int]) -> tuple[list[Start], float]:
         """The starts in the order of the route, and when the last sortie lands."""

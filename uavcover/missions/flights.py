@@ -6,7 +6,7 @@ from collections.abc import Hashable, Sequence
 
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.missions.fleet_schedule import schedule
-from uavcover.missions.sorties import Sortie, compile_sorties, compile_unlike_sorties
+from uavcover.missions.sorties import Sortie, compile_sorties, compile_unlike_sorties, sharing_home
 from uavcover.missions.timeline import timeline_of
 from uavcover.model.route import MissionSize, Route
 from uavcover.model.vehicle import AutopilotName
@@ -42,9 +42,9 @@ def compile_flights(
                 f"the route has {len(route.parts)} parts, but the vehicles of {site.scenario.name} cover "
                 f"{len(groups)} parts of the area; plan the route again"
             )
-        unlike = [
-            scheduled_unlike(site, _of_groups(site, groups, route, spacing_share=share)) for share in _SPACING_SHARES
-        ]
+        # The spacing is between starts at one home.
+        shares = _SPACING_SHARES if any(sharing_home(sites, site.scenario.fleet.planned_separation_m)) else (1.0,)
+        unlike = [scheduled_unlike(site, _of_groups(site, groups, route, spacing_share=share)) for share in shares]
         return min(unlike, key=lambda flights: makespan_s(site, flights))
     if count == 1:
         return compile_sorties(site, route, autopilot=name)

@@ -76,6 +76,31 @@ def unsafe_starts(a: PathPieces, b: PathPieces, fleet: Fleet) -> FloatArray:
     return merged(np.column_stack([a.earliest_s[first] - b.latest_s[second], a.latest_s[first] - b.earliest_s[second]]))
 
 
+class UnsafeStarts:
+    """:func:`unsafe_starts` of pairs of flights, each found once.
+
+    Args:
+        fleet: what keeps the vehicles apart.
+    """
+
+    def __init__(self, fleet: Fleet) -> None:
+        self._fleet = fleet
+        self._pieces: dict[Timeline, PathPieces] = {}
+        self._found: dict[tuple[Timeline, Timeline], FloatArray] = {}
+
+    def between(self, a: Timeline, b: Timeline) -> FloatArray:
+        """As :func:`unsafe_starts`."""
+        if (a, b) not in self._found:
+            self._found[a, b] = found = unsafe_starts(self._of(a), self._of(b), self._fleet)
+            self._found[b, a] = -found[::-1, ::-1]
+        return self._found[a, b]
+
+    def _of(self, timeline: Timeline) -> PathPieces:
+        if timeline not in self._pieces:
+            self._pieces[timeline] = pieces_of(timeline, self._fleet)
+        return self._pieces[timeline]
+
+
 def merged(intervals: FloatArray) -> FloatArray:
     """(m, 2) open intervals as (k, 2) sorted ones that do not overlap."""
     if len(intervals) == 0:

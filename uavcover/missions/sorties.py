@@ -102,7 +102,7 @@ def compile_unlike_sorties(
         spacing_s = spacing_share * max(
             _spacing_s(each, site, len(sites)) for each, site in zip(costs, sites, strict=True)
         )
-        ready_s = [spacing_s * before for before in _sharing_home(sites, fleet.planned_separation_m)]
+        ready_s = [spacing_s * before for before in sharing_home(sites, fleet.planned_separation_m)]
         return unlike_cuts(costs, turnaround_s=fleet.turnaround_s, ready_s=ready_s, one_at_a_time=one_at_a_time)
 
     flyers = [_Flyer(site, site.scenario.vehicle.autopilot, None) for site in sites]
@@ -171,7 +171,7 @@ class _Flyer:
         return _compile(self.site, route, autopilot=self.autopilot, most_points=self.most_points)
 
 
-def _sharing_home(sites: Sequence[Site], near_m: float) -> list[int]:
+def sharing_home(sites: Sequence[Site], near_m: float) -> list[int]:
     """Number of vehicles before each one that start at its home, or beside it."""
     homes = [site.home_m for site in sites]
     return [

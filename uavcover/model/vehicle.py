@@ -19,7 +19,7 @@ from uavcover.model.value_checks import STRICT, require, require_not_negative, r
 class Fleet:
     """Number of vehicles, and their separation.
 
-    All vehicles are equal ([vehicle]) and take off and land at [home], unless each has its own [[vehicle]].
+    All vehicles are equal ([vehicle]) and have take-off pads at and beside [home], unless each has its own [[vehicle]].
 
     Attributes:
         vehicles: number of vehicles that fly at the same time.
@@ -33,6 +33,10 @@ class Fleet:
             delays or several computers. Verification uses it.
         pad_s: time that a vehicle stands at home before take-off and after landing. No other vehicle may be close
             during this time.
+        pad_spacing_m: distance between the take-off pads of equal vehicles. The first pad is [home]; a plan names the others.
+            Default, and least: `separation_m`, twice `path_error_m` and twice `limits.max_home_error_m`. 0: all vehicles take
+            off from [home], one after the other.
+        max_pad_slope_deg: steepest ground of a pad.
         one_at_a_time: whether only one vehicle flies at a time. Each takes off `turnaround_s` after the previous
             landing. This always applies to a vehicle with several launch points ([[launch_point]]).
     """
@@ -47,17 +51,21 @@ class Fleet:
     start_error_s: float = 5.0
     clock_error_s: float = 0.5
     pad_s: float = 30.0
+    pad_spacing_m: float | None = None
+    max_pad_slope_deg: float = 15.0
     one_at_a_time: bool = False
 
     def __post_init__(self) -> None:
         require(1 <= self.vehicles <= 50, f"vehicles: {self.vehicles} is outside 1..50")
         require_not_negative(turnaround_s=self.turnaround_s, start_error_s=self.start_error_s, pad_s=self.pad_s)
+        require_not_negative(pad_spacing_m=self.pad_spacing_m or 0.0)
         require_not_negative(path_error_m=self.path_error_m, clock_error_s=self.clock_error_s)
         require_positive(separation_m=self.separation_m)
         require(
             0.0 <= self.timing_error_fraction <= 0.5,
             f"timing_error_fraction: {self.timing_error_fraction} is outside 0..0.5",
         )
+        require(0.0 < self.max_pad_slope_deg < 90.0, f"max_pad_slope_deg: {self.max_pad_slope_deg} is outside 0..90")
 
     @property
     def planned_separation_m(self) -> float:

@@ -34,6 +34,9 @@ class Shares:
         judging_baselines: judging more baselines than the first two.
         order: another order of the legs of several sorties.
         sizes: sorties and makespan of the routes that are not chosen.
+        fleet_parts: searches of the parts of a fleet's area: of all parts, of all after their borders were moved, and of the
+            slowest parts once more.
+        fleet_whole: one route for all vehicles of a fleet, where the parts give none.
         late_bounds: after the budget, in which bounds that take no solver may end.
         simplified_until: after this number of budgets no more waypoints are removed: a little late, most routes need a moment.
         parts: searches of the parts of a large area; the rest is for dividing, joining and judging.
@@ -68,6 +71,8 @@ class Shares:
     judging_baselines: float = 0.01
     order: float = 0.05
     sizes: float = 0.03
+    fleet_parts: tuple[float, ...] = (0.25, 0.25, 0.4)
+    fleet_whole: float = 0.1
     late_bounds: float = 0.05
     simplified_until: float = 1.03
     parts: float = 0.85

@@ -105,7 +105,7 @@ def _cuts(
             # Between two rays from home; the first one lies, the second one turns until the work is shared.
             angle = _begin_rad(piece, home) + begin * 2.0 * math.pi / _WEDGES
 
-            def wedge(share: float, angle: float = angle) -> shapely.Polygon:
+            def wedge(share: float, angle: float = angle) -> shapely.Geometry:
                 return _wedge(home, angle, share * 2.0 * math.pi, far_m)
 
             yield _balanced(piece, first, second, work, wanted, wedge)
@@ -135,12 +135,13 @@ def _begin_rad(piece: Piece, home: FloatArray) -> float:
     return float(angles[(int(np.argmax(gaps)) + 1) % len(angles)]) - 1e-9
 
 
-def _wedge(home: FloatArray, begin_rad: float, turn_rad: float, far_m: float) -> shapely.Polygon:
+def _wedge(home: FloatArray, begin_rad: float, turn_rad: float, far_m: float) -> shapely.Geometry:
     """All within ``far_m`` of home between two rays, counter-clockwise."""
     angles = begin_rad + np.linspace(0.0, turn_rad, max(2, math.ceil(turn_rad / 0.5) + 1))
     # Chords of half a radian stay beyond far_m when their ends are a little farther away.
     rim = home + 1.1 * far_m * np.column_stack([np.cos(angles), np.sin(angles)])
-    return shapely.Polygon([home, *rim])
+    # Nearly a full turn touches itself.
+    return shapely.make_valid(shapely.Polygon([home, *rim]))
 
 
 def _balanced(
@@ -149,7 +150,7 @@ def _balanced(
     second: int,
     work: FlightWork,
     wanted: tuple[float, float],
-    side: Callable[[float], shapely.Polygon],
+    side: Callable[[float], shapely.Geometry],
 ) -> tuple[Piece, Piece, float]:
     """The cut that gives both sides their share of the work."""
     low, high = 0.0, 1.0

@@ -99,6 +99,10 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
     """The table of the vehicles, and what they gain."""
     if document is None or "by_vehicle" not in document:
         return
+    for number, pad in enumerate([] if document["launch_points"] else document["homes"] or [], start=1):
+        user.say(
+            f"vehicle {number:<2} take-off and landing at latitude {pad['lat_deg']:.7f}, longitude {pad['lon_deg']:.7f}"
+        )
     for row in document["by_vehicle"]:
         each = ", ".join(
             f"{number} at {start_s:.0f} s" for number, start_s in zip(row["sorties"], row["takeoffs_s"], strict=True)

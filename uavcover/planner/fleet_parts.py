@@ -1,12 +1,15 @@
 """Plans of vehicles with a part of the area each. Every part is searched by itself, and their routes are one plan."""
 
+import bisect
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
+import numpy as np
 import shapely
 
 from uavcover.errors import ScenarioError
+from uavcover.kernels.arrays import BoolArray
 from uavcover.missions.objectives import judge_route
 from uavcover.model.route import PART_OF, Plan, Route, RouteMember
 from uavcover.planner.baselines.boustrophedon import TUNED
@@ -15,6 +18,8 @@ from uavcover.planner.front import pareto_members
 from uavcover.planner.selection_rule import parse_rule, select
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_areas import Piece, groups_of, own_parts, vehicle_sites
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import finer_map, map_for
 
 SearchPart = Callable[[Site, float, str], Plan]
 """Searches on a site whose area is one part, with a share of the effort, by a rule."""
@@ -25,6 +30,10 @@ _MOST_ORDERS = 24
 """This number of orders of groups is tried, for parts near their homes."""
 _MOST_MEMBERS = 60
 """This number of combinations of the parts' routes is judged, evenly spread over their coverages."""
+_SOONEST = 4
+"""Combinations of the parts' routes that are compiled and scheduled: those with the shortest longest flights."""
+_FLUKE = 0.0004
+"""Fraction of the required coverage that may be missing on finer cells, as in the selection (``selection_rule.py``)."""
 
 
 def part_sites(site: Site, paces: Sequence[float] | None = None) -> tuple[Site, ...]:
@@ -105,10 +114,36 @@ def plan_parts(site: Site, *, select_rule: str, search: SearchPart) -> Plan:
         ScenarioError: the parts do not fit.
         InfeasibleError: no route of a part keeps the limits.
     """
-    rule = parse_rule(select_rule)
-    # A member of the whole set cannot be named in a part.
-    of_part = "knee" if rule.kind == "index" else select_rule
-    plans, evaluations = _best_division(site, search, of_part)
+    plans, evaluations = _best_division(site, search, _rule_of_part(select_rule))
+    required = parse_rule(select_rule).required_coverage
+    # Their total cost says nothing of when the last vehicle is done.
+    soonest = [] if required is None else Soonest(site, plans, required).combinations()
+    return plan_of_parts(site, plans, select_rule=select_rule, evaluations=evaluations, soonest=soonest)
+
+
+def _rule_of_part(select_rule: str) -> str:
+    """A member of the whole set cannot be named in a part."""
+    return "knee" if parse_rule(select_rule).kind == "index" else select_rule
+
+
+def plan_of_parts(
+    site: Site,
+    plans: Sequence[Plan],
+    *,
+    select_rule: str,
+    evaluations: int,
+    soonest: Sequence[Sequence[RouteMember]],
+) -> Plan:
+    """The plan of all parts together, from the plan of each.
+
+    Args:
+        site: the scenario on its ground, with vehicles that have parts.
+        plans: of each part.
+        select_rule: chooses among what the parts are together.
+        evaluations: of all searches.
+        soonest: combinations of routes that are members at any cost.
+    """
+    rule, of_part = parse_rule(select_rule), _rule_of_part(select_rule)
     margin_m = site.scenario.limits.height_margin_m
 
     def together(members: Sequence[RouteMember]) -> RouteMember:
@@ -120,6 +155,7 @@ def plan_parts(site: Site, *, select_rule: str, search: SearchPart) -> Plan:
     combined = _combinations([plan.members for plan in plans])
     members = pareto_members([together(each) for each in [[plan.chosen for plan in plans], *combined]])
     choice = select(members, rule)
+    members += [together(each) for each in soonest]
     baselines = []
     for name in ("boustrophedon", TUNED):
         of_parts = [[each for each in plan.baselines if each.origin == name] for plan in plans]
@@ -158,8 +194,123 @@ def _best_division(site: Site, search: SearchPart, rule: str) -> tuple[list[Plan
     return ([] if best is None else best[1]), evaluations
 
 
+@dataclass(slots=True, eq=False)
+class Soonest:
+    """Routes of the parts that together have the required coverage, so that the longest flight is short.
+
+    A part may have less than the required coverage where others have more, or observe ground beyond their borders.
+
+    Attributes:
+        site: the scenario on its ground, with vehicles that have parts.
+        plans: of the parts.
+        required: coverage of all together.
+    """
+
+    site: Site
+    plans: Sequence[Plan]
+    required: float
+    _options: list[list[RouteMember]] = field(init=False)
+    _times_s: list[list[float]] = field(init=False)
+    _maps: list[tuple[float, list[CoverageMap]]] = field(init=False)
+    _seen: dict[tuple[int, int, int], BoolArray] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        sites, sensor = vehicle_sites(self.site), self.site.scenario.sensor
+        firsts = [sites[group[0] - 1] for group in groups_of(self.site.scenario)]
+        self._maps = [(self.required, [map_for(self.site, own) for own in firsts])]
+        finer = finer_map(self.site)
+        if finer is not None and all(own.scenario.sensor == sensor for own in firsts):
+            self._maps.append((self.required - _FLUKE, [finer.flown_from(own) for own in firsts]))
+        self._options = [_most_for_time(plan.members) for plan in self.plans]
+        self._times_s = [[member.metrics.time_s for member in options] for options in self._options]
+
+    def combinations(self) -> list[list[RouteMember]]:
+        """A few combinations, the soonest first; none where none has the coverage."""
+        times_s = sorted({time_s for times_s in self._times_s for time_s in times_s})
+        least = bisect.bisect_left(times_s, True, key=lambda time_s: self._covers(self._within(time_s)))
+        found: dict[tuple[int, ...], list[RouteMember]] = {}
+        for time_s in times_s[least:]:
+            chosen = self._thrifty(self._within(time_s))
+            found.setdefault(tuple(chosen), self._members(chosen))
+            if len(found) == _SOONEST:
+                break
+        return list(found.values())
+
+    def spare(self, longest_s: float) -> float:
+        """Coverage beyond the required one, of the whole, by the routes of most coverage that take at most this time."""
+        chosen, maps = self._within(longest_s), self._maps[0][1]
+        if min(chosen) < 0:
+            return 0.0
+        seen = np.logical_or.reduce([self._seen_by(0, part, option) for part, option in enumerate(chosen)])
+        return max(0.0, maps[0].share_of_coverable(seen) - self.required)
+
+    def beside(self, members: Sequence[RouteMember], longest_s: float) -> list[list[RouteMember]]:
+        """Combinations with another route of one part, and where that takes coverage, with more of one other part.
+
+        Args:
+            members: a combination.
+            longest_s: time that none of the other routes takes.
+        """
+        now = [options.index(member) for options, member in zip(self._options, members, strict=True)]
+        found: dict[tuple[int, ...], None] = {}
+        for part, option in itertools.product(range(len(now)), range(max(map(len, self._options)))):
+            if option >= len(self._options[part]) or option == now[part] or self._times_s[part][option] >= longest_s:
+                continue
+            changed = [*now[:part], option, *now[part + 1 :]]
+            if self._covers(changed):
+                found[tuple(changed)] = None
+                continue
+            for other in set(range(len(now))) - {part}:
+                within = bisect.bisect_left(self._times_s[other], longest_s)
+                raised = ([*changed[:other], more, *changed[other + 1 :]] for more in range(now[other] + 1, within))
+                enough = next((each for each in raised if self._covers(each)), None)
+                if enough is not None:
+                    found[tuple(enough)] = None
+        return [self._members(each) for each in found]
+
+    def _members(self, chosen: Sequence[int]) -> list[RouteMember]:
+        return [options[k] for options, k in zip(self._options, chosen, strict=True)]
+
+    def _within(self, time_s: float) -> list[int]:
+        """For each part, the option of most coverage that takes at most this time; -1 where there is none."""
+        return [bisect.bisect_right(times_s, time_s) - 1 for times_s in self._times_s]
+
+    def _thrifty(self, chosen: list[int]) -> list[int]:
+        """Options that take less time, part by part, as long as all together have the coverage."""
+        for part in range(len(chosen)):
+            while chosen[part] > 0 and self._covers(less := [*chosen[:part], chosen[part] - 1, *chosen[part + 1 :]]):
+                chosen = less
+        return chosen
+
+    def _covers(self, chosen: Sequence[int]) -> bool:
+        if min(chosen) < 0:
+            return False
+        for scale, (least, maps) in enumerate(self._maps):
+            seen = np.logical_or.reduce([self._seen_by(scale, part, option) for part, option in enumerate(chosen)])
+            if maps[0].share_of_coverable(seen) < least:
+                return False
+        return True
+
+    def _seen_by(self, scale: int, part: int, option: int) -> BoolArray:
+        key = (scale, part, option)
+        if key not in self._seen:
+            self._seen[key] = self._maps[scale][1][part].seen(self._options[part][option].route.waypoints_m)
+        return self._seen[key]
+
+
+def _most_for_time(members: Sequence[RouteMember]) -> list[RouteMember]:
+    """The members that have more coverage than all that take less time, by time."""
+    kept: list[RouteMember] = []
+    for member in sorted(members, key=lambda m: (m.metrics.time_s, -m.metrics.coverage_of_coverable)):
+        if member.violation <= 0.0 and (
+            not kept or member.metrics.coverage_of_coverable > kept[-1].metrics.coverage_of_coverable
+        ):
+            kept.append(member)
+    return kept
+
+
 def _combinations(sets: Sequence[Sequence[RouteMember]]) -> list[list[RouteMember]]:
-    """A route of each part, so that each part has at least the required coverage, for all coverages that may be required.
+    """Routes of the parts that each have a required coverage, for all coverages that may be required.
 
     Args:
         sets: of each part, by coverage.

@@ -12,17 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, cast, get_args
 
-from uavcover.errors import InputError
+from uavcover.errors import InfeasibleError, InputError, ScenarioError
 from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.model.vehicle import autopilot_name
 from uavcover.optimizers.by_name import ALGORITHMS
 from uavcover.planner.budget import SHARES, CommandTime, StageTimes
 from uavcover.planner.fleet_parts import plan_parts
+from uavcover.planner.fleet_shares import is_one_flight_each, plan_in_shares
 from uavcover.planner.mission_sizes import with_sizes
 from uavcover.planner.planner import Effort, SearchProgress, plan_in_time
+from uavcover.planner.selection_rule import parse_rule
 from uavcover.plugins import loaded
 from uavcover.run.user import StopRequests
+from uavcover.scenario.pads import on_pads
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_areas import groups_of
 from uavcover.sensing.block_map import in_blocks
@@ -31,6 +34,15 @@ _log = logging.getLogger(__name__)
 
 _LEAST_SEARCH_S = 1e-3
 """Of a search whose time has passed before it begins: it takes the first route."""
+_LEAST_S, _LEAST_EACH_S = 6.0, 1.5
+"""Time with which a fleet's area is divided at all: together, and of each vehicle. With less, one route is found sooner."""
+_SEVERAL_S, _SEVERAL_EVALUATIONS = 4.0, 300
+"""Time and evaluations of each vehicle with which it is divided more than once."""
+_ARRANGING_S = 0.6
+"""Time of each vehicle in which flights are arranged after the search."""
+_PART_EVALUATIONS = 1.75
+"""Evaluations of routes over a vehicle's part that take as long as one of a route over the whole area."""
+_ANOTHER_SEED = 1_000_003
 _LATE = 1.04
 """After this number of budgets a search ends with what it has."""
 
@@ -153,32 +165,71 @@ def plan_and_site(
     if request.budget_s is not None:
         left_s = begun_s + (1.0 - SHARES.sizes) * request.budget_s - time.monotonic()
         request = dataclasses.replace(request, budget_s=max(left_s, _LEAST_SEARCH_S))
-    if not groups_of(site.scenario):
-        found, judged = _plan_one(
-            site, request, should_stop=should_stop, on_progress=on_progress, kept=kept, stops=stops
-        )
-        with StageTimes(time.monotonic, limit.budget_s).stage("mission sizes", SHARES.sizes):
-            return with_sizes(judged, found, autopilot=autopilot, limit=limit), judged
     settings = site.scenario.planner
+    seed = settings.seed if request.seed is None else request.seed
     total, done = request.evaluations or settings.evaluations, 0
 
-    def search(own: Site, share: float, rule: str) -> Plan:
+    def search(own: Site, share: float, rule: str, again: int = 0) -> Plan:
         nonlocal done
         before = done
         evaluations = max(settings.population_size, round(share * total))
         budget_s = None if request.budget_s is None else share * request.budget_s
-        asked = dataclasses.replace(request, evaluations=evaluations, budget_s=budget_s, select=rule)
+        asked = dataclasses.replace(
+            request, evaluations=evaluations, budget_s=budget_s, select=rule, seed=seed + again * _ANOTHER_SEED
+        )
 
         def tell(progress: SearchProgress) -> None:
             on_progress(dataclasses.replace(progress, evaluations=before + progress.evaluations, total=total))
 
-        plan, _ = _plan_one(own, asked, should_stop=should_stop, on_progress=tell, kept=kept)
+        plan, _ = _plan_one(own, asked, should_stop=should_stop, on_progress=tell, kept=kept, stops=stops)
         done += evaluations
         return plan
 
+    def sized(found: Plan, on: Site) -> tuple[Plan, Site]:
+        with StageTimes(time.monotonic, limit.budget_s).stage("mission sizes", SHARES.sizes):
+            return with_sizes(on, found, autopilot=autopilot, limit=limit), on
+
     rule = request.select if request.select is not None else site.scenario.select
-    found = plan_parts(site, select_rule=rule, search=search)
-    return with_sizes(site, found, autopilot=autopilot, limit=limit), site
+    if groups_of(site.scenario):
+        return sized(plan_parts(site, select_rule=rule, search=search), site)
+    padded, required = on_pads(site), parse_rule(rule).required_coverage
+    vehicles, budget_s = padded.scenario.fleet.vehicles, request.budget_s
+    each_s = math.inf if budget_s is None else budget_s / vehicles
+    if (
+        required is not None
+        and each_s >= max(_LEAST_EACH_S, _LEAST_S / vehicles)
+        and _may_be_shared_out(padded, request, rule)
+    ):
+        several = each_s >= _SEVERAL_S and total >= _SEVERAL_EVALUATIONS * vehicles
+        efforts = SHARES.fleet_parts if several else (1.0 - SHARES.fleet_whole,)
+        if budget_s is not None:
+            request = dataclasses.replace(request, budget_s=budget_s - _ARRANGING_S * vehicles)
+        try:
+            total = round(_PART_EVALUATIONS * total)
+            shared = plan_in_shares(padded, rule=rule, required=required, search=search, efforts=efforts)
+        except (InfeasibleError, ScenarioError) as error:
+            _log.info("no plan by parts of the area: %s", error)
+            shared = None
+        if shared is not None and (found := sized(*shared))[0].chosen.mission is not None:
+            return found
+        if budget_s is not None:
+            request = dataclasses.replace(request, budget_s=SHARES.fleet_whole * budget_s)
+    whole, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept, stops=stops)
+    return sized(whole, on_pads(judged))
+
+
+def _may_be_shared_out(site: Site, request: SearchRequest, rule: str) -> bool:
+    """Whether a fleet's area is divided among its vehicles before the search.
+
+    They are alike but for their homes, and one flight each is enough. Else, and where the rule names no coverage or limits
+    the mission, one route is searched for and split.
+    """
+    scenario = site.scenario
+    kinds = {dataclasses.replace(each, home=None, link=None, system_id=None) for each in scenario.vehicles}
+    if len(kinds) != 1 or scenario.fleet.one_at_a_time or site.frame is None or parse_rule(rule).conditions:
+        return False
+    one_piece = _division(site, _settings(scenario.planner, request, algorithm=None), request).parts == 1
+    return one_piece and is_one_flight_each(site)
 
 
 def _plan_one(

@@ -88,6 +88,24 @@ def test_a_start_waits_for_one_that_gets_later_all_the_way() -> None:
     assert began[0.5] > began[1.0]
 
 
+def test_a_delay_on_the_ground_is_not_taken_for_wind() -> None:
+    """The first one stands armed for a while and then flies as planned: the second one is apart from it at its time."""
+    line, short = out_and_back(0.0), out_and_back(150.0)
+    began = {}
+    for stood_s in (0.0, 20.0):
+        flights = traffic(a=(line, 0.0), b=(short, 42.0))
+        assert flights.start("a", 0.0)
+        for now in range(1, 400):
+            aloft_s = min(max(now - stood_s, 0.0), line.duration_s)
+            flights.moved("a", float(now), line.places_m(np.array([aloft_s]))[0])
+            if aloft_s >= line.duration_s and flights.phase("a") is FleetPhase.FLYING:
+                flights.landed("a", float(now))
+            if flights.start("b", float(now)):
+                began[stood_s] = now
+                break
+    assert began == {0.0: 42, 20.0: 42}
+
+
 def test_who_comes_to_the_pad_holds_until_it_is_free() -> None:
     line = out_and_back(0.0)
     flights = traffic(a=(out_and_back(100.0), 0.0), b=(line, 60.0))

@@ -96,11 +96,11 @@ def test_nothing_is_sent_when_the_second_is_not_ready(
     monkeypatch.setattr(module, "require_multirotor", lambda _: None)
     monkeypatch.setattr(module, "send_and_compare", lambda *_, **__: sent.append("sent"))
     user = Listener()
-    words = {"armed": "it is armed", "elsewhere": "its home is elsewhere", "silent": "nobody answers"}[wrong]
+    words = {"armed": "the vehicle is armed", "elsewhere": "its home is elsewhere", "silent": "nobody answers"}[wrong]
     with pytest.raises(VehicleError, match=words):
         upload_fleet(RunFolder(folder), [LINK, LINK], user)
     assert sent == []
-    assert "vehicle 2 at mock:is not ready; no mission was uploaded to any vehicle" in user.lines
+    assert "vehicle 2 at mock: is not ready; no mission was uploaded to any vehicle" in user.lines
 
 
 def test_who_holds_a_sortie_is_told_when_an_upload_fails(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,7 +120,9 @@ def test_who_holds_a_sortie_is_told_when_an_upload_fails(folder: Path, monkeypat
 
 
 def test_more_vehicles_than_the_plan_has(folder: Path) -> None:
-    with pytest.raises(InputError, match=r"is flown by 2 vehicles, and --to names 3; plan it with: .* --vehicles 3"):
+    with pytest.raises(
+        InputError, match=r"the plan is for 2 vehicles, but --to names 3; plan it with: .* --vehicles 3"
+    ):
         first_sorties(RunFolder(folder), 3)
 
 

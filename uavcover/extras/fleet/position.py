@@ -13,6 +13,8 @@ from uavcover.model.vehicle import Fleet
 
 _KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
 """Time in the air after which a flight's delay predicts its delay at the landing, and the largest one as a share of the rest."""
+_UNDER_WAY_S = 3.0
+"""Progress at which a vehicle has left the ground: a delay before it does not grow."""
 
 
 class FleetPhase(Enum):
@@ -38,6 +40,7 @@ class FleetPosition:
         phase: what it does.
         progress_s: time since take-off at which the plan has it where it is.
         began_s: when it took off.
+        lifted_s: the take-off, and the progress, by which it was on its plan when it had left the ground; none before.
         seen_s: when it was there.
         place_m: (3,) ENU, where it is.
         held: whether it holds its place to let another one pass.
@@ -53,6 +56,7 @@ class FleetPosition:
     phase: FleetPhase = FleetPhase.WAITING
     progress_s: float = 0.0
     began_s: float = 0.0
+    lifted_s: tuple[float, float] | None = None
     seen_s: float = 0.0
     place_m: FloatArray = field(default_factory=lambda: np.zeros(3))
     held: bool = False
@@ -68,10 +72,16 @@ class FleetPosition:
     @property
     def gets_later_s(self) -> float:
         """Further delay at its landing at the present pace: wind slows all of a flight."""
-        if self.progress_s < _KNOWN_AFTER_S:
+        if self.progress_s < _KNOWN_AFTER_S or self.lifted_s is None:
             return 0.0
-        each_s = (self.as_if_begun_s - self.began_s) / self.progress_s
+        begun_s, progress_s = self.lifted_s
+        each_s = (self.as_if_begun_s - begun_s) / max(self.progress_s - progress_s, _UNDER_WAY_S)
         return min(max(each_s, 0.0), _MOST_LATER) * (self.timeline.duration_s - self.progress_s)
+
+    def note_lift(self) -> None:
+        """Note that it has left the ground, if it has."""
+        if self.lifted_s is None and self.progress_s >= _UNDER_WAY_S:
+            self.lifted_s = self.as_if_begun_s, self.progress_s
 
     def may_fly(self, now: float, fleet: Fleet) -> bool:
         """Whether a lost vehicle may still obstruct the others: until it must have landed and been removed.

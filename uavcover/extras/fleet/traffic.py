@@ -107,6 +107,7 @@ class Traffic:
             if self._first_s is None:
                 self._first_s = now - own.planned_s
             own.phase, own.began_s, own.seen_s, own.progress_s = FleetPhase.FLYING, now, now, 0.0
+            own.lifted_s = None
             own.place_m = np.asarray(own.timeline.place_m[0])
             return True
 
@@ -121,6 +122,7 @@ class Traffic:
                     flight.timeline.nearest_time_s(place_m, from_s=flight.progress_s - _BACK_S, to_s=latest_s),
                 )
             flight.seen_s, flight.place_m = now, place_m
+            flight.note_lift()
 
     def must_hold(self, name: str, now: float, *, may_wait_s: float = math.inf) -> bool:
         """Whether a flight is to hold its position now because another one would come too near.

@@ -1,0 +1,169 @@
+"""Take-off pads beside [home]: where they lie, what they keep away from, and when there is no room."""
+
+import dataclasses
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.cli.conftest import corner_of_the_demo
+from tests.missions.test_leg_checks import tower
+from tests.planner.sites import flat, make_site
+from uavcover.errors import ScenarioError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.limits import Home
+from uavcover.model.no_fly import NoFly
+from uavcover.model.obstacles import Obstacles
+from uavcover.model.vehicle import Fleet
+from uavcover.scenario.pads import on_pads
+from uavcover.scenario.scenario_file import dump_scenario, load_scenario
+from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicle_areas import vehicle_sites
+
+HOME = np.array([-100.0, 50.0])
+
+
+def fleet_of(site: Site, vehicles: int, **changes: Any) -> Site:
+    return dataclasses.replace(
+        site, scenario=dataclasses.replace(site.scenario, fleet=Fleet(vehicles=vehicles, **changes))
+    )
+
+
+def pads_of(site: Site) -> FloatArray:
+    homes = [vehicle.home for vehicle in on_pads(site).scenario.vehicles]
+    return np.array([[home.east_m, home.north_m] for home in homes if home is not None], dtype=float)
+
+
+def refusal(site: Site) -> str:
+    with pytest.raises(ScenarioError) as refused:
+        on_pads(site)
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("vehicles", [2, 3, 4, 7, 8, 20, 50])
+def test_pads_are_apart_and_the_first_is_home(vehicles: int) -> None:
+    site = fleet_of(make_site(), vehicles)
+    pads = pads_of(site)
+    assert len(pads) == vehicles
+    assert np.array_equal(pads[0], HOME)
+    nearest_m = min(float(np.hypot(*(a - b))) for a, b in itertools.combinations(pads, 2))
+    assert 46.0 < nearest_m < 46.02
+    assert np.hypot(*(pads - HOME).T).max() <= 46.02 * math.hypot(4.0, vehicles // 9)
+
+
+def test_the_first_pads_lie_across_the_way_to_the_area() -> None:
+    site = fleet_of(make_site(), 9)
+    middle = site.area.centroid
+    away = np.array([middle.x, middle.y]) - HOME
+    assert np.allclose((pads_of(site) - HOME) @ away, 0.0, atol=0.5)
+
+
+def test_a_pad_is_moved_back_from_a_slope_so_that_paths_still_fan_out() -> None:
+    # To the north-west of home, where the second pad would be.
+    site = fleet_of(make_site(lambda e, n: 0.5 * np.maximum(e + 120.0, 0.0) * (n > 60.0)), 2)
+    (home, pad), middle = pads_of(site), site.area.centroid
+    ahead = np.array([middle.x, middle.y]) - HOME
+    across = np.array([-ahead[1], ahead[0]]) / np.hypot(*ahead)
+    assert abs((pad - home) @ across) == pytest.approx(46.01, abs=0.01)
+
+
+def test_given_homes_and_one_home_stay_as_they_are() -> None:
+    alone = fleet_of(make_site(), 1)
+    assert on_pads(alone) is alone
+    shared = fleet_of(make_site(), 3, pad_spacing_m=0.0)
+    assert on_pads(shared) is shared
+    padded = on_pads(fleet_of(make_site(), 3))
+    assert on_pads(padded) is padded
+    no_home = fleet_of(make_site(home=None), 2)
+    assert on_pads(no_home) is no_home
+    nowhere = fleet_of(make_site(on_earth=False), 2)
+    assert on_pads(nowhere) is nowhere
+
+
+def test_another_distance() -> None:
+    near = make_site(limits={"max_home_error_m": 2.0})
+    pads = pads_of(fleet_of(near, 7, pad_spacing_m=30.0))
+    nearest_m = min(float(np.hypot(*(a - b))) for a, b in itertools.combinations(pads, 2))
+    assert 30.0 < nearest_m < 30.02
+    text = refusal(fleet_of(make_site(), 7, pad_spacing_m=30.0))
+    assert "fleet.pad_spacing_m: 30 is below" in text
+    assert "= 46; give more, lower max_home_error_m" in text
+
+
+BESIDE = ((-150.0, 70.0), (-50.0, 70.0), (-50.0, 300.0), (-150.0, 300.0))
+NORTH = shapely.box(-600.0, 55.0, 1000.0, 1000.0)
+
+
+@pytest.mark.parametrize(
+    ("blocked", "why", "forbidden", "away_m"),
+    [
+        ({"ups": lambda e, n: np.where(n > 55.0, 0.6 * (n - 55.0), 0.0) + 0.0 * e}, "slopes by", NORTH, 0.1),
+        (
+            {"obstacles": Obstacles(prisms=(tower(-150, 70, -50, 300, 8.0),), clearance_beside_m=10.0)},
+            "obstacle",
+            shapely.Polygon(BESIDE),
+            10.0,
+        ),
+        ({"no_fly": (NoFly(name="Z", polygon_east_north_m=BESIDE, margin_m=5),)}, "'Z'", shapely.Polygon(BESIDE), 5.0),
+        ({"fence": ((-200, -60), (400, -60), (400, 73), (-200, 73))}, "fence", shapely.box(-600, 73, 1000, 1000), 3.0),
+    ],
+)
+def test_pads_keep_away_from_slopes_obstacles_zones_and_the_fence(
+    blocked: dict[str, Any], why: str, forbidden: shapely.Polygon, away_m: float
+) -> None:
+    def nearest_m(pads: FloatArray) -> float:
+        return min(float(shapely.distance(forbidden, shapely.Point(pad))) for pad in pads)
+
+    assert nearest_m(pads_of(fleet_of(make_site(), 7))) <= away_m
+    ups = blocked.pop("ups", flat)
+    site = fleet_of(make_site(ups, **blocked), 7)
+    pads = pads_of(site)
+    assert len(pads) == 7
+    assert nearest_m(pads) >= away_m
+    assert min(float(np.hypot(*(a - b))) for a, b in itertools.combinations(pads, 2)) > 46.0
+    narrow = dataclasses.replace(site, fence=site.fence.intersection(shapely.Point(HOME).buffer(60.0)))
+    text = refusal(narrow)
+    assert why in text
+    assert "of 7 pads, 46 m apart" in text
+
+
+def test_a_zone_above_the_pads_does_not_matter() -> None:
+    above = NoFly(name="Z", polygon_east_north_m=((-150, 72), (-50, 72), (-50, 120), (-150, 120)), floor_agl_m=90.0)
+    assert np.allclose(pads_of(fleet_of(make_site(no_fly=(above,)), 7)), pads_of(fleet_of(make_site(), 7)))
+
+
+def test_a_steep_slope_has_no_room_and_says_what_to_do() -> None:
+    site = fleet_of(make_site(lambda e, n: 0.5 * e + 0.0 * n), 3)
+    text = refusal(site)
+    assert "fleet.vehicles: beside [home] there is room for 1 of 3 pads, 46 m apart" in text
+    assert "the ground slopes by 27 degrees, fleet.max_pad_slope_deg is 15" in text
+    assert "fleet.pad_spacing_m = 0" in text
+    assert len(pads_of(fleet_of(make_site(lambda e, n: 0.5 * e + 0.0 * n), 3, max_pad_slope_deg=30.0))) == 3
+
+
+def test_links_are_left_to_the_command_line() -> None:
+    own = make_site(vehicle={"link": "udp:127.0.0.1:14550", "system_id": 3})
+    padded = on_pads(fleet_of(own, 2)).scenario
+    assert [vehicle.link for vehicle in padded.vehicles] == [None, None]
+    mock = on_pads(fleet_of(make_site(vehicle={"link": "mock:ardupilot"}), 2)).scenario
+    assert [vehicle.link for vehicle in mock.vehicles] == ["mock:ardupilot"] * 2
+
+
+def test_a_scenario_on_pads_is_written_and_read_again(tmp_path: Path) -> None:
+    site = load_site(corner_of_the_demo(tmp_path)).flown_by(3)
+    padded = on_pads(site)
+    written = tmp_path / "padded.toml"
+    written.write_text(dump_scenario(padded.scenario))
+    again = load_scenario(written)
+    assert again == padded.scenario
+    own = vehicle_sites(load_site(again))
+    places = np.array([each.home_m for each in own])
+    assert np.allclose(places[0], site.home_m)
+    assert min(float(np.hypot(*(a - b)[:2])) for a, b in itertools.combinations(places, 2)) > 45.9
+    assert [each.scenario.home for each in own] == [vehicle.home for vehicle in padded.scenario.vehicles]
+    assert isinstance(again.home, Home)
+    assert again.home.lat_deg == site.scenario.home.lat_deg  # type: ignore[union-attr]
