@@ -39,15 +39,10 @@ Cuts = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """Flights shared out among vehicles.
+    """Flights shared out among vehicles."""
 
-    Attributes:
-        makespan_s: from the first take-off to the last landing.
-        vehicle_of: number of its vehicle, from 0, for each flight.
-    """
-
-    makespan_s: float
-    vehicle_of: tuple[int, ...]
+    makespan_s: float  # from the first take-off to the last landing
+    vehicle_of: tuple[int, ...]  # number of its vehicle, from 0, for each flight
 
 
 def share_out(

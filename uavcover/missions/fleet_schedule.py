@@ -19,34 +19,24 @@ _LEAST_GAIN_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Start of a sortie.
+    """Start of a sortie."""
 
-    Attributes:
-        vehicle: who flies it, from 0.
-        start_s: take-off, since the first take-off of all.
-    """
-
-    vehicle: int
-    start_s: float
+    vehicle: int  # who flies it, from 0
+    start_s: float  # take-off, since the first take-off of all
 
 
 def schedule(
-    timelines: Sequence[Timeline],
-    fleet: Fleet,
+    timelines: Sequence[Timeline],  # of the sorties
+    fleet: Fleet,  # what keeps the vehicles apart
     *,
+    # who flies each, from 0; none: any vehicle, as all are alike, numbered by their first take-offs
     vehicle_of: Sequence[int] | None = None,
-    unsafe: UnsafeStarts | None = None,
+    unsafe: UnsafeStarts | None = None,  # starts of pairs of these flights, where some are known from before
 ) -> tuple[Start, ...]:
     """Find starts for sorties that keep the vehicles apart.
 
     A sortie begins when its vehicle is ready, even if it landed late, and when the start is safe beside all sorties that have a
     start already. Orders of the sorties are tried by exchanging two.
-
-    Args:
-        timelines: of the sorties.
-        fleet: what keeps the vehicles apart.
-        vehicle_of: who flies each, from 0; none: any vehicle, as all are alike, numbered by their first take-offs.
-        unsafe: starts of pairs of these flights, where some are known from before.
     """
     search = _OrderSearch(timelines, fleet, vehicle_of, unsafe or UnsafeStarts(fleet))
     by_length = sorted(range(len(timelines)), key=lambda k: (-timelines[k].duration_s, k))

@@ -22,19 +22,12 @@ _ROOM_S = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathPieces:
-    """A flight as short straight pieces, each with the time in which the vehicle may be there.
+    """A flight as short straight pieces, each with the time in which the vehicle may be there."""
 
-    Attributes:
-        begin_m: (n, 3) ENU metres.
-        end_m: (n, 3) ENU metres.
-        earliest_s: (n,) since the planned take-off.
-        latest_s: (n,) since the planned take-off.
-    """
-
-    begin_m: FloatArray
-    end_m: FloatArray
-    earliest_s: FloatArray
-    latest_s: FloatArray
+    begin_m: FloatArray  # (n, 3) ENU metres
+    end_m: FloatArray  # (n, 3) ENU metres
+    earliest_s: FloatArray  # (n,) since the planned take-off
+    latest_s: FloatArray  # (n,) since the planned take-off
 
 
 def pieces_of(timeline: Timeline, fleet: Fleet) -> PathPieces:

@@ -101,19 +101,12 @@ SHARES: Final = Shares()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandTime:
-    """The time of a whole command, from its first line to its last one.
+    """The time of a whole command, from its first line to its last one."""
 
-    Attributes:
-        begun_s: when it began, by ``now``.
-        budget_s: how long it may take; none: as long as the search takes for its evaluations.
-        now: the clock.
-        should_stop: whether the user wants the best there is.
-    """
-
-    begun_s: float
-    budget_s: float | None = None
-    now: Callable[[], float] = time.monotonic
-    should_stop: Callable[[], bool] = lambda: False
+    begun_s: float  # when it began, by ``now``
+    budget_s: float | None = None  # how long it may take; none: as long as the search takes for its evaluations
+    now: Callable[[], float] = time.monotonic  # the clock
+    should_stop: Callable[[], bool] = lambda: False  # whether the user wants the best there is
 
     def left_s(self, *, share: float = 1.0) -> float:
         """Time left of a share of the budget, 0 at least; infinite without a budget."""

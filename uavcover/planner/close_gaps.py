@@ -47,44 +47,27 @@ class GapStart(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GapRequest:
-    """Request of a gap mission.
+    """Request of a gap mission."""
 
-    Attributes:
-        logs: of the flight; none are those that its verdict judged.
-        target: share of what can be seen that is enough; none is everything.
-        min_area_m2: smaller gaps stay open.
-        start: where the mission begins.
-        force: whether an older gap mission, and its flight, may be replaced.
-        accepted: changes since planning that are accepted.
-        system: the vehicle of telemetry logs that have several; none: the only one.
-    """
-
-    logs: Sequence[Path] = ()
-    target: float | None = None
-    min_area_m2: float = 0.0
-    start: GapStart = GapStart.HOME
-    force: bool = False
-    accepted: Sequence[str] = ()
-    system: int | None = None
+    logs: Sequence[Path] = ()  # of the flight; none are those that its verdict judged
+    target: float | None = None  # share of what can be seen that is enough; none is everything
+    min_area_m2: float = 0.0  # smaller gaps stay open
+    start: GapStart = GapStart.HOME  # where the mission begins
+    force: bool = False  # whether an older gap mission, and its flight, may be replaced
+    accepted: Sequence[str] = ()  # changes since planning that are accepted
+    system: int | None = None  # the vehicle of telemetry logs that have several; none: the only one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GapMission:
-    """A mission that sees what a flight has missed.
+    """A mission that sees what a flight has missed."""
 
-    Attributes:
-        closing: the route, and what it sees of the gaps.
-        compiled: the mission, from take-off at home to landing there.
-        continuation: the same route for a vehicle in the air, from where it is; none when that was not asked for.
-        plan: the same as a plan of its own, for its run folder.
-        coverage_after: share of the coverable area that is seen after it, together with the flight.
-    """
-
-    closing: ClosingRoute
-    compiled: CompiledMission
+    closing: ClosingRoute  # the route, and what it sees of the gaps
+    compiled: CompiledMission  # the mission, from take-off at home to landing there
+    # the same route for a vehicle in the air, from where it is; none when that was not asked for
     continuation: CompiledMission | None
-    plan: Plan
-    coverage_after: float
+    plan: Plan  # the same as a plan of its own, for its run folder
+    coverage_after: float  # share of the coverable area that is seen after it, together with the flight
 
     @property
     def wanted(self) -> CompiledMission:
@@ -208,21 +191,15 @@ def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
 
 
 def plan_gap_mission(
-    site: Site,
-    verdict: Verdict,
+    site: Site,  # the scenario on its ground; of vehicles with sensors of their own, the site of the one that flies it
+    verdict: Verdict,  # on what was flown
     *,
-    min_area_m2: float = 0.0,
-    target: float | None = None,
+    min_area_m2: float = 0.0,  # smaller gaps are left open
+    target: float | None = None,  # share of the coverable area that is enough, 0..1; default: everything
+    # of a vehicle that has not landed: the mission begins at the last sample; default: take-off at home
     in_the_air: Track | None = None,
 ) -> GapMission:
     """The mission that closes the coverable gaps of a flight and lands at home.
-
-    Args:
-        site: the scenario on its ground; of vehicles with sensors of their own, the site of the one that flies it.
-        verdict: on what was flown.
-        min_area_m2: smaller gaps are left open.
-        target: share of the coverable area that is enough, 0..1; default: everything.
-        in_the_air: of a vehicle that has not landed: the mission begins at the last sample; default: take-off at home.
 
     Raises:
         InputError: an argument is out of range, or the site has no home.

@@ -64,47 +64,29 @@ class PlanRequest(SearchRequest):
     """Request of a plan: scenario, folder and settings.
 
     None is taken from the scenario.
-
-    Attributes:
-        scenario: a file, the name of a bundled one, or a site.
-        folder: the run folder.
-        command: the command line, for ``run.json``.
-        force: whether a plan that is there may be replaced, with all that belongs to it.
-        bounds_s: time for proving bounds, after the search.
-        waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is.
-        vehicles: how many fly at the same time.
-        rally: "home" or "auto".
     """
 
-    scenario: str | Site
-    folder: Path
-    command: Sequence[str]
-    force: bool
-    bounds_s: float | None = None
-    waypoint_price: float | None = None
-    vehicles: int | None = None
-    rally: Literal["home", "auto"] | None = None
+    scenario: str | Site  # a file, the name of a bundled one, or a site
+    folder: Path  # the run folder
+    command: Sequence[str]  # the command line, for ``run.json``
+    force: bool  # whether a plan that is there may be replaced, with all that belongs to it
+    bounds_s: float | None = None  # time for proving bounds, after the search
+    waypoint_price: float | None = None  # cost of every waypoint, in metres of path or in seconds, as the objective is
+    vehicles: int | None = None  # how many fly at the same time
+    rally: Literal["home", "auto"] | None = None  # "home" or "auto"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanOutcome:
-    """Result of planning into a folder.
+    """Result of planning into a folder."""
 
-    Attributes:
-        site: the scenario on its ground.
-        plan: the Pareto set and the choice.
-        compiled: the mission, none for a scenario that has no position on Earth, and none when it is flown as several sorties.
-        sorties: the flights when there are several.
-        document: the answer for ``--json``.
-        exit_code: 0, 1 when the rule, or the overlap required, was not met, 130 when the user ended the search.
-    """
-
-    site: Site
-    plan: Plan
+    site: Site  # the scenario on its ground
+    plan: Plan  # the Pareto set and the choice
+    # the mission, none for a scenario that has no position on Earth, and none when it is flown as several sorties
     compiled: CompiledMission | None
-    sorties: tuple[Sortie, ...]
-    document: dict[str, Any]
-    exit_code: int
+    sorties: tuple[Sortie, ...]  # the flights when there are several
+    document: dict[str, Any]  # the answer for ``--json``
+    exit_code: int  # 0, 1 when the rule, or the overlap required, was not met, 130 when the user ended the search
 
 
 def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], object]) -> PlanOutcome:

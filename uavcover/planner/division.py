@@ -28,15 +28,10 @@ _WEDGES = 4
 
 @dataclass(frozen=True, slots=True)
 class FlightWork:
-    """Flight work of a part.
+    """Flight work of a part."""
 
-    Attributes:
-        swath_m: width of ground that one line sees.
-        home_en: (east, north) of the take-off position, none without one.
-    """
-
-    swath_m: float
-    home_en: tuple[float, float] | None = None
+    swath_m: float  # width of ground that one line sees
+    home_en: tuple[float, float] | None = None  # (east, north) of the take-off position, none without one
 
     def way_m(self, piece: Piece) -> float:
         """Distance from home to a piece and back, to where it is as wide as a swath. 0 without a home."""

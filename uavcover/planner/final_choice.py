@@ -48,43 +48,28 @@ The factor was 17 to 80 in four cases of scripts/bench/kinds.py.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChosenRoute:
-    """The chosen route and its alternatives.
+    """The chosen route and its alternatives."""
 
-    Attributes:
-        route: the chosen one.
-        pareto: the Pareto set that it is in.
-        rule_met: whether it is what the rule asks for.
-        simpler: routes that were made of it with fewer waypoints, or in another order, whether chosen or not.
-    """
-
-    route: RouteMember
-    pareto: tuple[RouteMember, ...]
-    rule_met: bool
+    route: RouteMember  # the chosen one
+    pareto: tuple[RouteMember, ...]  # the Pareto set that it is in
+    rule_met: bool  # whether it is what the rule asks for
+    # routes that were made of it with fewer waypoints, or in another order, whether chosen or not
     simpler: tuple[NamedRoute, ...]
 
 
 def choose(
-    fine: CoverageMap,
-    settings: PlannerSettings,
-    rule: Rule,
-    judged: Sequence[RouteMember],
+    fine: CoverageMap,  # the cells on which they were judged
+    settings: PlannerSettings,  # how many waypoints a route may have
+    rule: Rule,  # the selection rule
+    judged: Sequence[RouteMember],  # the routes
     *,
-    executor: Executor | None,
-    interrupted: bool,
-    is_over: Callable[[], bool] | None,
+    executor: Executor | None,  # judges routes side by side
+    interrupted: bool,  # the search was; an error says so
+    is_over: Callable[[], bool] | None,  # whether there is no time left to give up waypoints; none: they are all kept
+    # how long to search for an order in which the sorties of what is chosen take less; none: it stays
     order: OrderEffort | None = None,
 ) -> ChosenRoute:
     """Choose by the rule among judged routes.
-
-    Args:
-        fine: the cells on which they were judged.
-        settings: how many waypoints a route may have.
-        rule: the selection rule.
-        judged: the routes.
-        executor: judges routes side by side.
-        interrupted: the search was; an error says so.
-        is_over: whether there is no time left to give up waypoints; none: they are all kept.
-        order: how long to search for an order in which the sorties of what is chosen take less; none: it stays.
 
     Raises:
         InfeasibleError: none of them keeps the hard limits; says which, where and by how much.
@@ -311,21 +296,15 @@ def _made_of(
 
 
 def _replaced(
-    members: list[RouteMember],
-    choice: Callable[[Sequence[RouteMember]], RouteMember | None],
-    made_of: Callable[[RouteMember], list[RouteMember] | None],
+    members: list[RouteMember],  # feasible or to be made so
+    choice: Callable[[Sequence[RouteMember]], RouteMember | None],  # one of some members, one at least; none ends it
+    made_of: Callable[[RouteMember], list[RouteMember] | None],  # what comes in place of a choice; None: it may stay
     *,
-    most: int,
+    most: int,  # number of choices that are replaced at most
+    # those of some members that may be chosen
     confirmed: Callable[[list[RouteMember]], list[RouteMember]] = lambda members: members,
 ) -> tuple[list[RouteMember], bool]:
     """The members with changed choices in place of the originals, until no choice changes any more.
-
-    Args:
-        members: feasible or to be made so.
-        choice: one of some members, one at least; none ends it.
-        made_of: what comes in place of a choice; None: it may stay.
-        most: number of choices that are replaced at most.
-        confirmed: those of some members that may be chosen.
 
     Returns:
         The members, and whether the choice among them may stay.

@@ -127,22 +127,14 @@ def _rule_of_part(select_rule: str) -> str:
 
 
 def plan_of_parts(
-    site: Site,
-    plans: Sequence[Plan],
+    site: Site,  # the scenario on its ground, with vehicles that have parts
+    plans: Sequence[Plan],  # of each part
     *,
-    select_rule: str,
-    evaluations: int,
-    soonest: Sequence[Sequence[RouteMember]],
+    select_rule: str,  # chooses among what the parts are together
+    evaluations: int,  # of all searches
+    soonest: Sequence[Sequence[RouteMember]],  # combinations of routes that are members at any cost
 ) -> Plan:
-    """The plan of all parts together, from the plan of each.
-
-    Args:
-        site: the scenario on its ground, with vehicles that have parts.
-        plans: of each part.
-        select_rule: chooses among what the parts are together.
-        evaluations: of all searches.
-        soonest: combinations of routes that are members at any cost.
-    """
+    """The plan of all parts together, from the plan of each."""
     rule, of_part = parse_rule(select_rule), _rule_of_part(select_rule)
     margin_m = site.scenario.limits.height_margin_m
 
@@ -199,16 +191,11 @@ class Soonest:
     """Routes of the parts that together have the required coverage, so that the longest flight is short.
 
     A part may have less than the required coverage where others have more, or observe ground beyond their borders.
-
-    Attributes:
-        site: the scenario on its ground, with vehicles that have parts.
-        plans: of the parts.
-        required: coverage of all together.
     """
 
-    site: Site
-    plans: Sequence[Plan]
-    required: float
+    site: Site  # the scenario on its ground, with vehicles that have parts
+    plans: Sequence[Plan]  # of the parts
+    required: float  # coverage of all together
     _options: list[list[RouteMember]] = field(init=False)
     _times_s: list[list[float]] = field(init=False)
     _maps: list[tuple[float, list[CoverageMap]]] = field(init=False)

@@ -97,21 +97,13 @@ def plan_in_shares(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Division:
-    """An area that is divided, with plans of its parts.
+    """An area that is divided, with plans of its parts."""
 
-    Attributes:
-        site: the fleet's, whose vehicles have parts.
-        piece_of: the number of each vehicle's part in the order of the cuts.
-        parts: the site of each part.
-        plans: of the parts.
-        combinations: of their routes that together have the required coverage, the soonest first.
-    """
-
-    site: Site
-    piece_of: tuple[int, ...]
-    parts: tuple[Site, ...]
-    plans: tuple[Plan, ...]
-    combinations: list[list[RouteMember]]
+    site: Site  # the fleet's, whose vehicles have parts
+    piece_of: tuple[int, ...]  # the number of each vehicle's part in the order of the cuts
+    parts: tuple[Site, ...]  # the site of each part
+    plans: tuple[Plan, ...]  # of the parts
+    combinations: list[list[RouteMember]]  # of their routes that together have the required coverage, the soonest first
 
     @classmethod
     def searched(
@@ -217,17 +209,12 @@ def _outline(piece: Piece) -> Outline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Arranged:
-    """A division whose parts are exchanged between the vehicles.
+    """A division whose parts are exchanged between the vehicles."""
 
-    Attributes:
-        division: the same.
-        found: combinations of routes: the one that ends soonest in the best directions, and some as they were found.
-        end_s: its last landing.
-    """
-
-    division: _Division
+    division: _Division  # the same
+    # combinations of routes: the one that ends soonest in the best directions, and some as they were found
     found: list[list[RouteMember]]
-    end_s: float
+    end_s: float  # its last landing
 
 
 def _arranged(division: _Division, required: float) -> _Arranged:
@@ -255,19 +242,12 @@ def _reversed(member: RouteMember) -> RouteMember:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Arrangement:
-    """Routes, their vehicles and directions, and the schedule that this gives.
+    """Routes, their vehicles and directions, and the schedule that this gives."""
 
-    Attributes:
-        order: for each vehicle the number of its route.
-        members: each vehicle's route in the direction in which it is flown.
-        found: the same as they were found.
-        end_s: the last landing; infinite where a flight is not possible.
-    """
-
-    order: tuple[int, ...]
-    members: list[RouteMember]
-    found: list[RouteMember]
-    end_s: float
+    order: tuple[int, ...]  # for each vehicle the number of its route
+    members: list[RouteMember]  # each vehicle's route in the direction in which it is flown
+    found: list[RouteMember]  # the same as they were found
+    end_s: float  # the last landing; infinite where a flight is not possible
 
 
 class _Arrangements:

@@ -130,31 +130,21 @@ PART_SHARES = tuple(k / 25 for k in range(1, 25))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gains:
-    """A route of n waypoints, and the coverage that each leg adds.
+    """A route of n waypoints, and the coverage that each leg adds."""
 
-    Attributes:
-        route: its waypoints.
-        way_m: (n,) length of the path up to each waypoint.
-        seen: (n,) share of the area's ground that is seen up to each waypoint, 0..1.
-    """
-
-    route: Route
-    way_m: FloatArray
-    seen: FloatArray
+    route: Route  # its waypoints
+    way_m: FloatArray  # (n,) length of the path up to each waypoint
+    seen: FloatArray  # (n,) share of the area's ground that is seen up to each waypoint, 0..1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A stretch of a route.
+    """A stretch of a route."""
 
-    Attributes:
-        route: its waypoints.
-        seen: share of the area's ground that it sees: at least this much, because what the route has seen before the
-            stretch begins is not looked at again. It is an estimate where photos by distance begin anew with the stretch, and
-            in corners, which are flown beside the waypoints.
-    """
-
-    route: Route
+    route: Route  # its waypoints
+    # share of the area's ground that it sees: at least this much, because what the route has seen before the stretch
+    # begins is not looked at again. It is an estimate where photos by distance begin anew with the stretch, and in
+    # corners, which are flown beside the waypoints.
     seen: float
 
 
@@ -222,17 +212,11 @@ _WHOLE = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A route with its values on the planner's cells.
+    """A route with its values on the planner's cells."""
 
-    Attributes:
-        route: the route and what made it.
-        objectives: (3,) as in :mod:`uavcover.missions.objectives`.
-        violation: total violation of the hard limits.
-    """
-
-    route: NamedRoute
-    objectives: FloatArray
-    violation: float
+    route: NamedRoute  # the route and what made it
+    objectives: FloatArray  # (3,) as in :mod:`uavcover.missions.objectives`
+    violation: float  # total violation of the hard limits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,30 +232,18 @@ class Finish:
 
     def __init__(
         self,
-        coarse: CoverageMap,
-        fine: CoverageMap,
-        baselines: Sequence[Candidate],
-        others: Sequence[Candidate],
-        lines: Sequence[NamedRoute],
+        coarse: CoverageMap,  # on the planner's cells
+        fine: CoverageMap,  # on the cells that judge
+        baselines: Sequence[Candidate],  # the most useful ones first
+        others: Sequence[Candidate],  # what an optimizer found
+        lines: Sequence[NamedRoute],  # further named routes; like the others they are judged when nothing beats them
         *,
-        evaluating_s: float,
-        effort: Effort,
-        started: float,
-        executor: Executor | None,
+        evaluating_s: float,  # what it took to make a route and evaluate it on the planner's cells
+        effort: Effort,  # of the whole plan
+        started: float,  # when planning began, by the effort's clock
+        executor: Executor | None,  # looks at routes side by side
     ) -> None:
-        """Look at the lines.
-
-        Args:
-            coarse: on the planner's cells.
-            fine: on the cells that judge.
-            baselines: the most useful ones first.
-            others: what an optimizer found.
-            lines: further named routes; like the others they are judged when nothing beats them.
-            evaluating_s: what it took to make a route and evaluate it on the planner's cells.
-            effort: of the whole plan.
-            started: when planning began, by the effort's clock.
-            executor: looks at routes side by side.
-        """
+        """Look at the lines."""
         self._coarse, self._fine, self._baselines, self._others = coarse, fine, baselines, others
         self._effort, self._started, self._executor = effort, started, executor
         self._wholes: list[Whole] = []

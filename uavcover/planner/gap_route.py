@@ -36,42 +36,31 @@ _MARGIN = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClosingRoute:
-    """A route for the gaps.
+    """A route for the gaps."""
 
-    Attributes:
-        route: the waypoints.
-        wanted_m2: ground area that was to be seen.
-        seen_m2: what the route sees of it.
-    """
-
-    route: Route
-    wanted_m2: float
-    seen_m2: float
+    route: Route  # the waypoints
+    wanted_m2: float  # ground area that was to be seen
+    seen_m2: float  # what the route sees of it
 
 
 def plan_closing_route(
-    coverage: CoverageMap,
+    coverage: CoverageMap,  # on the cells that results are judged on
+    # (cells,) what is to be seen; cells that no allowed place sees are left out of it by the caller
     missing: BoolArray,
     *,
-    start_m: FloatArray,
-    end_m: FloatArray,
+    start_m: FloatArray,  # (3,) ENU, where the vehicle comes from: home, or where it is
+    end_m: FloatArray,  # (3,) ENU, where it goes to afterwards
+    # ground area of the missing cells that is enough, the costliest parts left out; default: all that can be seen
     needed_m2: float | None = None,
+    # ground area of the missing cells below which a route is of no use, and is not made shorter
     useful_m2: float = 0.0,
+    # whether there is no time to see more, or to see it on a shorter way: asked between trials
     is_over: Callable[[], bool] = lambda: False,
 ) -> ClosingRoute:
     """A short route from a start to an end that sees the missing cells.
 
     The sensor is taken a little narrower than it is, by the vehicle's acceptance radius, so that what is planned is also seen
     when waypoints are rounded; where that leaves cells out, the sensor as it is gets its say.
-
-    Args:
-        coverage: on the cells that results are judged on.
-        missing: (cells,) what is to be seen; cells that no allowed place sees are left out of it by the caller.
-        start_m: (3,) ENU, where the vehicle comes from: home, or where it is.
-        end_m: (3,) ENU, where it goes to afterwards.
-        needed_m2: ground area of the missing cells that is enough, the costliest parts left out; default: all that can be seen.
-        useful_m2: ground area of the missing cells below which a route is of no use, and is not made shorter.
-        is_over: whether there is no time to see more, or to see it on a shorter way: asked between trials.
 
     Raises:
         InfeasibleError: nothing is missing, or no allowed route sees any of it, or enough to be of use.

@@ -25,24 +25,17 @@ _MOST_COUNTS = 6
 
 
 def with_sizes(
-    site: Site,
-    plan: Plan,
+    site: Site,  # the scenario on its ground
+    plan: Plan,  # as it was found
     *,
-    autopilot: AutopilotName | None = None,
-    vehicles: int | None = None,
-    limit: CommandTime | None = None,
+    autopilot: AutopilotName | None = None,  # for whom; default: the scenario's
+    vehicles: int | None = None,  # how many may fly, where they are alike; default: the scenario's
+    limit: CommandTime | None = None,  # time of the command; none: as long as it takes
 ) -> Plan:
     """A plan whose members have mission sizes: all, or where that takes long the chosen and the least crowded.
 
     Another member may be chosen then: where several vehicles fly, the one with which they are done soonest is the cheapest, and
     conditions of the rule are of missions. All members that this may concern are cut into flights, as far as there is time.
-
-    Args:
-        site: the scenario on its ground.
-        plan: as it was found.
-        autopilot: for whom; default: the scenario's.
-        vehicles: how many may fly, where they are alike; default: the scenario's.
-        limit: time of the command; none: as long as it takes.
     """
     rule = parse_rule(plan.rule)
     if site.frame is None or site.home_m is None:

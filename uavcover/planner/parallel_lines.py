@@ -54,26 +54,18 @@ class _Lines:
 
 
 def plan_lines(
-    site: Site,
+    site: Site,  # the scenario on its ground
     *,
-    settings: PlannerSettings,
-    select_rule: str,
-    effort: Effort,
-    executor: Executor | None,
-    should_stop: Callable[[], bool],
+    settings: PlannerSettings,  # the direction, and how many waypoints a route may have
+    select_rule: str,  # see :mod:`uavcover.planner.selection_rule`
+    effort: Effort,  # when to stop
+    executor: Executor | None,  # judges routes side by side; the result does not depend on it
+    should_stop: Callable[[], bool],  # asked between batches; the first is always judged
 ) -> Plan:
     """Plan lines in the direction of ``planner.line_heading_deg``, or along the longer side of the area; or along contours.
 
     Number, height, length and start of the lines (of contour lines, how closely they follow the contours) are scanned, and judged
     on the finer cells of the area.
-
-    Args:
-        site: the scenario on its ground.
-        settings: the direction, and how many waypoints a route may have.
-        select_rule: see :mod:`uavcover.planner.selection_rule`.
-        effort: when to stop.
-        executor: judges routes side by side; the result does not depend on it.
-        should_stop: asked between batches; the first is always judged.
 
     Raises:
         InfeasibleError: no lines keep the hard limits; says which, where and by how much.

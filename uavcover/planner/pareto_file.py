@@ -111,33 +111,21 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
 
 @dataclass(frozen=True, slots=True)
 class ParetoRow:
-    """A member of the Pareto set as its file has it.
+    """A member of the Pareto set as its file has it."""
 
-    Attributes:
-        index: its number, for ``select RUN index:N``.
-        coverage_of_coverable: share of what can be seen, 0..1.
-        waypoint_count: how many waypoints.
-        path_length_m: length of the open path in three dimensions.
-        flight_time_s: of the route alone.
-        mission_time_s: of the whole mission from home; none without a home, or in the file of an older version.
-        mission_energy_hover_s: battery energy of it, as seconds of hovering; none in the same cases.
-        mission: its sorties, vehicles and makespan, as it would be flown; none where the file has none.
-        violation: of the hard limits, 0 when they hold.
-        made_by: the algorithm or baseline that found it.
-        chosen: whether it is the one in ``plan.json``.
-    """
-
-    index: int
-    coverage_of_coverable: float
-    waypoint_count: int
-    path_length_m: float
-    flight_time_s: float
+    index: int  # its number, for ``select RUN index:N``
+    coverage_of_coverable: float  # share of what can be seen, 0..1
+    waypoint_count: int  # how many waypoints
+    path_length_m: float  # length of the open path in three dimensions
+    flight_time_s: float  # of the route alone
+    # of the whole mission from home; none without a home, or in the file of an older version
     mission_time_s: float | None
-    mission_energy_hover_s: float | None
+    mission_energy_hover_s: float | None  # battery energy of it, as seconds of hovering; none in the same cases
+    # its sorties, vehicles and makespan, as it would be flown; none where the file has none
     mission: MissionSize | None
-    violation: float
-    made_by: str
-    chosen: bool
+    violation: float  # of the hard limits, 0 when they hold
+    made_by: str  # the algorithm or baseline that found it
+    chosen: bool  # whether it is the one in ``plan.json``
 
     @property
     def time_s(self) -> float:
@@ -147,19 +135,13 @@ class ParetoRow:
 
 @dataclass(frozen=True, slots=True)
 class TradeOffAxis:
-    """Axis against which coverage is drawn.
+    """Axis against which coverage is drawn."""
 
-    Attributes:
-        label: with its unit.
-        is_time: minutes of the whole mission, or minutes of hovering for its energy; otherwise kilometres of the route.
-        members: of the Pareto set.
-        baselines: the simple routes.
-    """
-
-    label: str
+    label: str  # with its unit
+    # minutes of the whole mission, or minutes of hovering for its energy; otherwise kilometres of the route
     is_time: bool
-    members: tuple[float, ...]
-    baselines: tuple[float, ...]
+    members: tuple[float, ...]  # of the Pareto set
+    baselines: tuple[float, ...]  # the simple routes
 
 
 def trade_off_axis(

@@ -37,38 +37,27 @@ _LOOKED_AT_TOGETHER = 8
 
 
 def save_plan(
-    run: RunFolder,
-    site: Site,
-    result: Plan,
+    run: RunFolder,  # the folder
+    site: Site,  # the scenario on its ground
+    result: Plan,  # the plan
     *,
-    compiled: CompiledMission | None,
-    autopilot: AutopilotName,
-    seed: int,
-    command: Sequence[str],
+    compiled: CompiledMission | None,  # its mission, none when there is none or several
+    autopilot: AutopilotName,  # for whom the mission files are
+    seed: int,  # of every random number
+    command: Sequence[str],  # the command line, for ``run.json``
+    # its flights when there are several; each gets a run folder of its own inside this one
     sorties: Sequence[Sortie] = (),
-    fleet: dict[str, Any] | None = None,
-    proved: dict[str, Any] | None = None,
+    fleet: dict[str, Any] | None = None,  # what ``plan.json`` says of several vehicles
+    proved: dict[str, Any] | None = None,  # its :func:`bounds`; default: what there is of them without a plan
+    # as ``plan.json`` of the same Pareto set has them already; default: the plan's
     baselines: Sequence[dict[str, Any]] | None = None,
+    # of the scenario of a whole fleet, for the plan of one of its vehicles; default: the site's
     scenario_sha256: str | None = None,
 ) -> RunFolder | None:
     """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
 
     Files of an older plan in the same folder are removed too: its mission, upload, sorties and gap mission; a
     plan that was flown is moved, whole, into a folder ``older-N``.
-
-    Args:
-        run: the folder.
-        site: the scenario on its ground.
-        result: the plan.
-        compiled: its mission, none when there is none or several.
-        autopilot: for whom the mission files are.
-        seed: of every random number.
-        command: the command line, for ``run.json``.
-        sorties: its flights when there are several; each gets a run folder of its own inside this one.
-        fleet: what ``plan.json`` says of several vehicles.
-        proved: its :func:`bounds`; default: what there is of them without a plan.
-        baselines: as ``plan.json`` of the same Pareto set has them already; default: the plan's.
-        scenario_sha256: of the scenario of a whole fleet, for the plan of one of its vehicles; default: the site's.
 
     Returns:
         where the older plan and its flight are now; none when there was no flight.

@@ -52,37 +52,29 @@ class SearchRequest:
     """Request of a search.
 
     None is taken from the scenario.
-
-    Attributes:
-        seed: of every random number.
-        evaluations: full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations
-            give an equal plan.
-        budget_s: search this long instead.
-        algorithm: "memetic", "local-search", "imodbo", "modbo", "nsga2", "moead", "lines" or "contour-lines"; or another
-            optimizer: a name or ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself.
-        max_waypoints: of the routes, or of the nodes where the encoding is "waypoints".
-        select: the rule by which one route is chosen.
-        parts: into how many parts a large area is divided, or "auto"; see :class:`uavcover.model.scenario.PlannerSettings`.
-        workers: threads; the result does not depend on it. None: one a core.
-        scheduler: who searches in the parts, see :func:`uavcover.run.scheduling.workers_of`; the result does not depend on it.
-            None: threads.
-        memory_bytes: what planning may take here, in all processes together: a large area is divided into more parts, and fewer
-            are searched at a time, as far as that needs it. None: no limit.
-        autopilot: for whom the missions are.
-        begun_s: when the command began whose time the budget is, by the monotonic clock; none: when the search begins.
     """
 
-    seed: int | None = None
+    seed: int | None = None  # of every random number
+    # full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations give an equal
+    # plan
     evaluations: int | None = None
-    budget_s: float | None = None
+    budget_s: float | None = None  # search this long instead
+    # "memetic", "local-search", "imodbo", "modbo", "nsga2", "moead", "lines" or "contour-lines"; or another optimizer:
+    # a name or ``module:Class`` that :func:`uavcover.optimizers.optimizer_class` finds, or the class itself
     algorithm: str | type | None = None
-    max_waypoints: int | None = None
-    select: str | None = None
+    max_waypoints: int | None = None  # of the routes, or of the nodes where the encoding is "waypoints"
+    select: str | None = None  # the rule by which one route is chosen
+    # into how many parts a large area is divided, or "auto"; see :class:`uavcover.model.scenario.PlannerSettings`
     parts: int | Literal["auto"] | None = None
-    workers: int | None = None
+    workers: int | None = None  # threads; the result does not depend on it. None: one a core.
+    # who searches in the parts, see :func:`uavcover.run.scheduling.workers_of`; the result does not depend on it. None:
+    # threads.
     scheduler: str | None = None
+    # what planning may take here, in all processes together: a large area is divided into more parts, and fewer are
+    # searched at a time, as far as that needs it. None: no limit.
     memory_bytes: int | None = None
-    autopilot: str | None = None
+    autopilot: str | None = None  # for whom the missions are
+    # when the command began whose time the budget is, by the monotonic clock; none: when the search begins
     begun_s: float | None = None
 
 

@@ -23,28 +23,18 @@ _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The chosen member.
+    """The chosen member."""
 
-    Attributes:
-        index: its number in the set.
-        met: whether the rule could be met; False when the required coverage is out of reach and the best was taken.
-    """
-
-    index: int
-    met: bool
+    index: int  # its number in the set
+    met: bool  # whether the rule could be met; False when the required coverage is out of reach and the best was taken
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Limit on the mission of a route: ``sorties<=N``, ``vehicles<=N`` or ``done<=TIME``.
+    """Limit on the mission of a route: ``sorties<=N``, ``vehicles<=N`` or ``done<=TIME``."""
 
-    Attributes:
-        what: sorties, vehicles or done (from the first take-off to the last landing).
-        most: a number, or seconds.
-    """
-
-    what: str
-    most: float
+    what: str  # sorties, vehicles or done (from the first take-off to the last landing)
+    most: float  # a number, or seconds
 
     def excess(self, size: MissionSize | None) -> float:
         """Excess of a mission over its limit, as a share of it; infinite without a mission."""
@@ -56,19 +46,12 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A parsed rule: ``weighted[:w1,w2,w3]``, ``knee``, ``max-coverage``, ``coverage>=X`` or ``index:N``, and conditions.
+    """A parsed rule: ``weighted[:w1,w2,w3]``, ``knee``, ``max-coverage``, ``coverage>=X`` or ``index:N``, and conditions."""
 
-    Attributes:
-        text: as it was written.
-        kind: the word before the parameters.
-        numbers: the parameters.
-        conditions: on how the route would be flown; known once it is cut into sorties.
-    """
-
-    text: str
-    kind: str
-    numbers: tuple[float, ...] = ()
-    conditions: tuple[Condition, ...] = ()
+    text: str  # as it was written
+    kind: str  # the word before the parameters
+    numbers: tuple[float, ...] = ()  # the parameters
+    conditions: tuple[Condition, ...] = ()  # on how the route would be flown; known once it is cut into sorties
 
     @property
     def required_coverage(self) -> float | None:

@@ -64,16 +64,11 @@ LEAST_SPARE_M = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnsurePicture:
-    """A photo that is unsure.
+    """A photo that is unsure."""
 
-    Attributes:
-        turning_m: (3,) ENU place where the line turns back to the last photo, or ends.
-        away: (2,) unit vector to it from there, east and north.
-        spare_m: by how much it is farther away than the distance between two photos; less than 0: the photo is not taken.
-    """
-
-    turning_m: FloatArray
-    away: FloatArray
+    turning_m: FloatArray  # (3,) ENU place where the line turns back to the last photo, or ends
+    away: FloatArray  # (2,) unit vector to it from there, east and north
+    # by how much it is farther away than the distance between two photos; less than 0: the photo is not taken
     spare_m: float
 
 

@@ -155,24 +155,18 @@ HAIR_M = 1e-6
 
 
 def lay_over_terrain(
-    site: Site,
-    polyline_m: FloatArray,
-    wanted_agl_m: FloatArray,
+    site: Site,  # the scenario on its ground
+    polyline_m: FloatArray,  # (n, 2) east, north corners
+    wanted_agl_m: FloatArray,  # (n,) wanted height above ground at the corners
     *,
-    tolerance_m: float,
+    tolerance_m: float,  # how far the straight chords may leave the wanted height
+    # of the samples of the ground. At a cliff close ones leave more of the band: each gives up what the ground between
+    # it and the next one rises or falls beside their chord.
     spacing_m: float = SAMPLE_SPACING_M,
 ) -> FloatArray:
     """Waypoints over the terrain along a line on the map, inside the scenario's band and climb limit if possible.
 
     They lead over obstacles, around those that the band does not reach over, and around no-fly zones that meet the band.
-
-    Args:
-        site: the scenario on its ground.
-        polyline_m: (n, 2) east, north corners.
-        wanted_agl_m: (n,) wanted height above ground at the corners.
-        tolerance_m: how far the straight chords may leave the wanted height.
-        spacing_m: of the samples of the ground. At a cliff close ones leave more of the band: each gives up what the ground
-            between it and the next one rises or falls beside their chord.
 
     Returns:
         (m, 3) ENU waypoints, corners among them. Where the ground has no data their height is read from the neighbours:

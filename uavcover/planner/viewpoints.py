@@ -33,19 +33,12 @@ _MOST_PLACES = 6_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissingCells:
-    """Part of the cells of a map, with numbers of their own.
+    """Part of the cells of a map, with numbers of their own."""
 
-    Attributes:
-        coverage: the whole map.
-        cells: the part, cut out of the lattice.
-        numbers: (m,) of these cells in the whole map, rising.
-        weight_m2: (m,) ground area of each.
-    """
-
-    coverage: CoverageMap
-    cells: Cells
-    numbers: IntArray
-    weight_m2: FloatArray
+    coverage: CoverageMap  # the whole map
+    cells: Cells  # the part, cut out of the lattice
+    numbers: IntArray  # (m,) of these cells in the whole map, rising
+    weight_m2: FloatArray  # (m,) ground area of each
 
     @classmethod
     def of(cls, coverage: CoverageMap, missing: BoolArray) -> "MissingCells":

@@ -10,23 +10,14 @@ from uavcover.run.user import PauseRequests, ProgressBar, StopRequests, User
 
 @dataclass(slots=True)
 class VehicleRow:
-    """State of a vehicle.
+    """State of a vehicle."""
 
-    Attributes:
-        sortie: which sortie it flies, as text.
-        does: what it does.
-        waypoint: planned waypoint that it flies to.
-        waypoints: how many its sortie has.
-        late_s: behind the plan by so much; none on the ground.
-        nearest: distance of the nearest other vehicle in the air, metres; none without one.
-    """
-
-    sortie: str = "-"
-    does: str = "waits"
-    waypoint: int = 0
-    waypoints: int = 0
-    late_s: float | None = None
-    nearest: float | None = None
+    sortie: str = "-"  # which sortie it flies, as text
+    does: str = "waits"  # what it does
+    waypoint: int = 0  # planned waypoint that it flies to
+    waypoints: int = 0  # how many its sortie has
+    late_s: float | None = None  # behind the plan by so much; none on the ground
+    nearest: float | None = None  # distance of the nearest other vehicle in the air, metres; none without one
 
 
 class Board:

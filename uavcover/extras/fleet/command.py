@@ -54,18 +54,12 @@ class FleetFailedError(VehicleError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetOptions:
-    """Options of the flight of a fleet.
+    """Options of the flight of a fleet."""
 
-    Attributes:
-        flight: of each vehicle.
-        on_loss: what becomes of what a lost vehicle was to see.
-        opening: opens the link to a vehicle.
-        clocks: the shared clock, as each vehicle's thread sees it; none is the computer's.
-    """
-
-    flight: FlightOptions
-    on_loss: OnLoss = OnLoss.SHARE
-    opening: Opening = connect
+    flight: FlightOptions  # of each vehicle
+    on_loss: OnLoss = OnLoss.SHARE  # what becomes of what a lost vehicle was to see
+    opening: Opening = connect  # opens the link to a vehicle
+    # the shared clock, as each vehicle's thread sees it; none is the computer's
     clocks: Sequence[FleetClock] | None = None
 
 

@@ -49,25 +49,15 @@ Opening = Callable[[VehicleLink, Site], AbstractContextManager[Connected]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetOrders:
-    """The user's orders for the fleet.
+    """The user's orders for the fleet."""
 
-    Attributes:
-        links: where each vehicle is, vehicle 1 first.
-        flight: options of each flight.
-        on_loss: treatment of a lost vehicle's unobserved cells.
-        opening: opens the link to a vehicle.
-        clocks: of each vehicle.
-        stops: how often the user has asked to stop.
-        paused: whether the user wants all to hold their places.
-    """
-
-    links: Sequence[VehicleLink]
-    flight: FlightOptions
-    on_loss: OnLoss
-    opening: Opening
-    clocks: Sequence[FleetClock]
-    stops: Callable[[], int]
-    paused: Callable[[], bool]
+    links: Sequence[VehicleLink]  # where each vehicle is, vehicle 1 first
+    flight: FlightOptions  # options of each flight
+    on_loss: OnLoss  # treatment of a lost vehicle's unobserved cells
+    opening: Opening  # opens the link to a vehicle
+    clocks: Sequence[FleetClock]  # of each vehicle
+    stops: Callable[[], int]  # how often the user has asked to stop
+    paused: Callable[[], bool]  # whether the user wants all to hold their places
 
 
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5

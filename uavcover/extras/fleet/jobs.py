@@ -28,31 +28,19 @@ class OnLoss(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """A sortie to fly.
+    """A sortie to fly."""
 
-    Attributes:
-        name: its number, with a mark after it where it is the rest of a sortie that another vehicle began.
-        sortie: the number of the planned sortie.
-        vehicle: who flies it, from 1.
-        planned_s: take-off, since the first take-off of all.
-        folder: where its record goes.
-        site: the scenario on its ground.
-        route: its waypoints.
-        timeline: as planned.
-        battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
-        is_rest: whether it is the rest of a sortie that another vehicle began.
-    """
-
-    name: str
-    sortie: int
-    vehicle: int
-    planned_s: float
-    folder: RunFolder
-    site: Site
-    route: Route
-    timeline: Timeline
+    name: str  # its number, with a mark after it where it is the rest of a sortie that another vehicle began
+    sortie: int  # the number of the planned sortie
+    vehicle: int  # who flies it, from 1
+    planned_s: float  # take-off, since the first take-off of all
+    folder: RunFolder  # where its record goes
+    site: Site  # the scenario on its ground
+    route: Route  # its waypoints
+    timeline: Timeline  # as planned
+    # share of a full battery, in the worst of the winds that it is planned for; none without an endurance
     battery_used: float | None = None
-    is_rest: bool = False
+    is_rest: bool = False  # whether it is the rest of a sortie that another vehicle began
 
     def of(self, vehicle: int, *, planned_s: float) -> "Job":
         """The same for another vehicle, at another time."""
@@ -195,13 +183,9 @@ def require_gain(job: Job, rest: Job) -> None:
 
 @dataclass(slots=True)
 class Queues:
-    """The sorties that no vehicle has begun; its methods may be called from several threads.
+    """The sorties that no vehicle has begun; its methods may be called from several threads."""
 
-    Attributes:
-        vehicles: those that can fly.
-    """
-
-    vehicles: set[int]
+    vehicles: set[int]  # those that can fly
     _waiting: list[Job] = field(default_factory=list)
     _busy: set[int] = field(default_factory=set)
     _lock: threading.RLock = field(default_factory=threading.RLock)

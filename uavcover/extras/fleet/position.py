@@ -30,39 +30,23 @@ class FleetPhase(Enum):
 
 @dataclass(slots=True, eq=False)
 class FleetPosition:
-    """A flight and where it is.
+    """A flight and where it is."""
 
-    Attributes:
-        timeline: as planned.
-        pieces: of it, for pairs of starts.
-        planned_s: its take-off, since the first take-off of all.
-        pace_m_s: how fast it flies home, over ground and vertically.
-        phase: what it does.
-        progress_s: time since take-off at which the plan has it where it is.
-        began_s: when it took off.
-        lifted_s: the take-off, and the progress, by which it was on its plan when it had left the ground; none before.
-        seen_s: when it was there.
-        place_m: (3,) ENU, where it is.
-        held: whether it holds its place to let another one pass.
-        way_m: (k, 3) ENU, its return.
-        asked_s: when it first asked for that.
-        free_s: when the place where it landed is free; for one that is lost, when it must be down.
-    """
-
-    timeline: Timeline
-    pieces: PathPieces
-    planned_s: float
-    pace_m_s: tuple[float, float]
-    phase: FleetPhase = FleetPhase.WAITING
-    progress_s: float = 0.0
-    began_s: float = 0.0
+    timeline: Timeline  # as planned
+    pieces: PathPieces  # of it, for pairs of starts
+    planned_s: float  # its take-off, since the first take-off of all
+    pace_m_s: tuple[float, float]  # how fast it flies home, over ground and vertically
+    phase: FleetPhase = FleetPhase.WAITING  # what it does
+    progress_s: float = 0.0  # time since take-off at which the plan has it where it is
+    began_s: float = 0.0  # when it took off
+    # the take-off, and the progress, by which it was on its plan when it had left the ground; none before
     lifted_s: tuple[float, float] | None = None
-    seen_s: float = 0.0
-    place_m: FloatArray = field(default_factory=lambda: np.zeros(3))
-    held: bool = False
-    way_m: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    asked_s: float = math.inf
-    free_s: float = -math.inf
+    seen_s: float = 0.0  # when it was there
+    place_m: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) ENU, where it is
+    held: bool = False  # whether it holds its place to let another one pass
+    way_m: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # (k, 3) ENU, its return
+    asked_s: float = math.inf  # when it first asked for that
+    free_s: float = -math.inf  # when the place where it landed is free; for one that is lost, when it must be down
 
     @property
     def as_if_begun_s(self) -> float:

@@ -29,23 +29,14 @@ from uavcover.scenario.site import Site
 
 @dataclass(slots=True)
 class FlownSortie:
-    """Ending of a sortie.
+    """Ending of a sortie."""
 
-    Attributes:
-        job: the sortie.
-        vehicle: who flew it.
-        began_s: its take-off, since the first take-off of all; none when it never began.
-        outcome: how it ended; none when it failed before.
-        error: why it failed, as text.
-        down: whether the vehicle is known to be on the ground.
-    """
-
-    job: Job
-    vehicle: int
-    began_s: float | None = None
-    outcome: FlightOutcome | None = None
-    error: str = ""
-    down: bool = True
+    job: Job  # the sortie
+    vehicle: int  # who flew it
+    began_s: float | None = None  # its take-off, since the first take-off of all; none when it never began
+    outcome: FlightOutcome | None = None  # how it ended; none when it failed before
+    error: str = ""  # why it failed, as text
+    down: bool = True  # whether the vehicle is known to be on the ground
 
     @property
     def planned_s(self) -> float:

@@ -17,19 +17,12 @@ from uavcover.run.user import User
 
 @dataclass(frozen=True, slots=True)
 class FirstSortie:
-    """First flight of a vehicle of a fleet.
+    """First flight of a vehicle of a fleet."""
 
-    Attributes:
-        vehicle: its number, from 1.
-        sortie: the number of the sortie.
-        takeoff_s: since the first take-off of all.
-        folder: the sortie's run folder.
-    """
-
-    vehicle: int
-    sortie: int
-    takeoff_s: float
-    folder: RunFolder
+    vehicle: int  # its number, from 1
+    sortie: int  # the number of the sortie
+    takeoff_s: float  # since the first take-off of all
+    folder: RunFolder  # the sortie's run folder
 
 
 def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:

@@ -60,21 +60,15 @@ def can_be_adapted(site: Site) -> bool:
 
 
 def adaptive_swaths(
-    site: Site,
-    angle_rad: float,
+    site: Site,  # with a sensor for which :func:`can_be_adapted` holds
+    angle_rad: float,  # direction of the lines, counter-clockwise from east
     *,
-    executor: Executor | None = None,
-    should_stop: Callable[[], bool] = lambda: False,
+    executor: Executor | None = None,  # lays out several at once; the routes do not depend on it
+    should_stop: Callable[[], bool] = lambda: False,  # asked before each number of lines; the first is always laid out
 ) -> list[Route]:
     """Routes of balanced lines in a direction and across it, for line counts around those that fit the area.
 
     The number of lines that just fits comes first: on every bundled terrain it is the best beginning for a search.
-
-    Args:
-        site: with a sensor for which :func:`can_be_adapted` holds.
-        angle_rad: direction of the lines, counter-clockwise from east.
-        executor: lays out several at once; the routes do not depend on it.
-        should_stop: asked before each number of lines; the first is always laid out.
     """
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
@@ -114,23 +108,14 @@ def _each(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BentLines:
-    """The lines of a layout, bent; n lines, s stations. They do not depend on the layout's inset.
+    """The lines of a layout, bent; n lines, s stations. They do not depend on the layout's inset."""
 
-    Attributes:
-        along_m: (s,) stations along the lines' direction, from the origin.
-        across_m: (n, s) the lines at the stations.
-        west_m: (n,) where the area begins in each line's strip, along.
-        east_m: (n,) where it ends.
-        heights_agl_m: (n,) wanted height above ground of each line.
-        reach_m: of the sensor at the mean of these heights.
-    """
-
-    along_m: FloatArray
-    across_m: FloatArray
-    west_m: FloatArray
-    east_m: FloatArray
-    heights_agl_m: FloatArray
-    reach_m: float
+    along_m: FloatArray  # (s,) stations along the lines' direction, from the origin
+    across_m: FloatArray  # (n, s) the lines at the stations
+    west_m: FloatArray  # (n,) where the area begins in each line's strip, along
+    east_m: FloatArray  # (n,) where it ends
+    heights_agl_m: FloatArray  # (n,) wanted height above ground of each line
+    reach_m: float  # of the sensor at the mean of these heights
 
     def between(self, first: int, end: int) -> "BentLines":
         """The lines from ``first`` to before ``end``."""
@@ -263,20 +248,13 @@ def _balanced(site: Site, layout: SwathLayout) -> list[Route]:
 
 
 def simple_lines(
-    site: Site,
-    angle_rad: float,
+    site: Site,  # of any sensor
+    angle_rad: float,  # direction of the lines, counter-clockwise from east
     *,
-    executor: Executor | None = None,
-    should_stop: Callable[[], bool] = lambda: False,
+    executor: Executor | None = None,  # lays out several at once; the routes do not depend on it
+    should_stop: Callable[[], bool] = lambda: False,  # asked before each number of lines; the first is always laid out
 ) -> list[Route]:
-    """Routes of parallel lines in one direction: as few lines as fit first, those that bend before straight ones.
-
-    Args:
-        site: of any sensor.
-        angle_rad: direction of the lines, counter-clockwise from east.
-        executor: lays out several at once; the routes do not depend on it.
-        should_stop: asked before each number of lines; the first is always laid out.
-    """
+    """Routes of parallel lines in one direction: as few lines as fit first, those that bend before straight ones."""
     bends = can_be_adapted(site)
     kinds = [(share, True) for share in BENT if bends] + [(share, False) for share in STRAIGHT]
     ranked: list[tuple[tuple[int, bool, bool], SwathLayout, bool]] = []

@@ -31,19 +31,13 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 @dataclass(frozen=True, slots=True)
 class NodeRows:
-    """A regular lattice of nodes over the box around the area, in rows from south to north.
+    """A regular lattice of nodes over the box around the area, in rows from south to north."""
 
-    Attributes:
-        rows: how many.
-        columns: nodes of a row.
-        stagger: by how much of the distance between nodes every other row is shifted: 0, or 0.5 for a triangular lattice.
-        height_share: of the allowed height band at each node, 0..1.
-    """
-
-    rows: int
-    columns: int
+    rows: int  # how many
+    columns: int  # nodes of a row
+    # by how much of the distance between nodes every other row is shifted: 0, or 0.5 for a triangular lattice
     stagger: float
-    height_share: float
+    height_share: float  # of the allowed height band at each node, 0..1
 
 
 def fly_rows(site: Site, layout: NodeRows) -> Route:
@@ -106,21 +100,13 @@ _TUNED_LINES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.75)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Baseline:
-    """A route by a known method.
+    """A route by a known method."""
 
-    Attributes:
-        name: the method.
-        route: its waypoints.
-        layout: the lines it is made of, if it is made of lines.
-        objectives: (3,) values on the planner's cells.
-        violation: total violation of the hard limits.
-    """
-
-    name: str
-    route: Route
-    layout: SwathLayout | None
-    objectives: np.ndarray[tuple[int], np.dtype[np.float64]]
-    violation: float
+    name: str  # the method
+    route: Route  # its waypoints
+    layout: SwathLayout | None  # the lines it is made of, if it is made of lines
+    objectives: np.ndarray[tuple[int], np.dtype[np.float64]]  # (3,) values on the planner's cells
+    violation: float  # total violation of the hard limits
 
 
 def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> float:
@@ -151,19 +137,13 @@ def plain_boustrophedon(site: Site, *, angle_rad: float | None = None) -> SwathL
 
 
 def boustrophedons(
-    coverage: CoverageMap,
-    executor: Executor | None = None,
-    should_stop: Callable[[], bool] = lambda: False,
+    coverage: CoverageMap,  # on the planner's cells
+    executor: Executor | None = None,  # evaluates routes side by side
+    should_stop: Callable[[], bool] = lambda: False,  # asked between batches; the plain one is always there
+    # taken from one after the other in place of the scan; what is left in it may be taken later
     tuned: Iterator[Baseline] | None = None,
 ) -> list[Baseline]:
-    """The plain boustrophedon and a scan over direction, height, spacing and inset; the plain one first.
-
-    Args:
-        coverage: on the planner's cells.
-        executor: evaluates routes side by side.
-        should_stop: asked between batches; the plain one is always there.
-        tuned: taken from one after the other in place of the scan; what is left in it may be taken later.
-    """
+    """The plain boustrophedon and a scan over direction, height, spacing and inset; the plain one first."""
     site = coverage.site
     found = _evaluate(coverage, BOUSTROPHEDON, [plain_boustrophedon(site)], executor)
     if tuned is not None:

@@ -56,38 +56,23 @@ _INSETS = (0.0, 0.5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineField:
-    """A function on a lattice; its level lines are flight lines.
+    """A function on a lattice; its level lines are flight lines."""
 
-    Attributes:
-        east_m: (c,) columns.
-        north_m: (r,) rows.
-        across_m: (r, c) its values: metres across the lines, as far as they keep their distance.
-    """
-
-    east_m: FloatArray
-    north_m: FloatArray
-    across_m: FloatArray
+    east_m: FloatArray  # (c,) columns
+    north_m: FloatArray  # (r,) rows
+    across_m: FloatArray  # (r, c) its values: metres across the lines, as far as they keep their distance
 
 
 @dataclass(frozen=True, slots=True)
 class ContourLayout:
-    """Layout of contour-aligned lines.
+    """Layout of contour-aligned lines."""
 
-    Attributes:
-        smoothing: over how many reaches of the sensor the ground is smoothed before its contours are followed.
-        straightening: how much the main direction counts beside the contours' own; large: straight lines.
-        lines: relative number of lines: 1 for as many as flat ground needs.
-        height_agl_m: wanted height above ground.
-        inset: how far the lines stay inside the border of the area, as a share of the sensor's reach.
-        tolerance_m: how far the straight legs may leave the wanted height.
-    """
-
-    smoothing: float
-    straightening: float
-    lines: float
-    height_agl_m: float
-    inset: float
-    tolerance_m: float
+    smoothing: float  # over how many reaches of the sensor the ground is smoothed before its contours are followed
+    straightening: float  # how much the main direction counts beside the contours' own; large: straight lines
+    lines: float  # relative number of lines: 1 for as many as flat ground needs
+    height_agl_m: float  # wanted height above ground
+    inset: float  # how far the lines stay inside the border of the area, as a share of the sensor's reach
+    tolerance_m: float  # how far the straight legs may leave the wanted height
 
 
 def plain_layout(site: Site) -> ContourLayout:

@@ -62,15 +62,10 @@ _STAYS = -1e5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """Pieces of lines.
+    """Pieces of lines."""
 
-    Attributes:
-        ends_m: (n, 2, 2) places of both ends on the map.
-        height_agl_m: of all of them.
-    """
-
-    ends_m: FloatArray
-    height_agl_m: float
+    ends_m: FloatArray  # (n, 2, 2) places of both ends on the map
+    height_agl_m: float  # of all of them
 
 
 def needs_cuts(site: Site) -> bool:

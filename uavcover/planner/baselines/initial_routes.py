@@ -53,25 +53,18 @@ _STREAM = 2
 
 
 def constructed_routes(
-    coverage: CoverageMap,
-    settings: PlannerSettings,
+    coverage: CoverageMap,  # on the planner's cells
+    settings: PlannerSettings,  # which, and the seed
     *,
-    asked: float | None,
-    executor: Executor | None,
-    should_stop: Callable[[], bool],
+    asked: float | None,  # share of what can be covered that the selection rule asks for, if it does
+    executor: Executor | None,  # evaluates routes side by side
+    should_stop: Callable[[], bool],  # asked before each; the first is always made, and the plain lines of each kind
+    # lines in swaths that are taken in place of a scan, until it is time to stop
     tuned: Iterator[Baseline] | None = None,
 ) -> list[Baseline]:
     """The routes that ``settings.initial`` names, the plain boustrophedon first.
 
     Lines in swaths are always there where these are the encoding: it is counted from the best of them.
-
-    Args:
-        coverage: on the planner's cells.
-        settings: which, and the seed.
-        asked: share of what can be covered that the selection rule asks for, if it does.
-        executor: evaluates routes side by side.
-        should_stop: asked before each; the first is always made, and the plain lines of each kind.
-        tuned: lines in swaths that are taken in place of a scan, until it is time to stop.
     """
     names = initial_names(coverage, settings)
     found: list[Baseline] = []

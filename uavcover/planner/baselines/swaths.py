@@ -17,24 +17,18 @@ SAME_DIRECTION_RAD = math.radians(3.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwathLayout:
-    """A boustrophedon over the area with its own gaps and heights.
+    """A boustrophedon over the area with its own gaps and heights."""
 
-    Attributes:
-        angle_rad: direction of the lines, counter-clockwise from east.
-        gaps: (k + 1,) relative widths: before the first line, between lines, after the last. Half a gap at both ends.
-        heights_agl_m: (k,) wanted height above ground of each line.
-        inset: how far the lines stop before the border of the area, as a share of the sensor's reach on flat ground.
-        tolerance_m: how far the straight legs may leave the wanted height.
-        start: which of the four ways to fly it: bit 0 begins at the other end of the first line, bit 1 with the last line.
-        shift_m: how far east and north all lines are moved, for a camera that looks at the ground beside them.
-    """
-
-    angle_rad: float
+    angle_rad: float  # direction of the lines, counter-clockwise from east
+    # (k + 1,) relative widths: before the first line, between lines, after the last. Half a gap at both ends.
     gaps: FloatArray
-    heights_agl_m: FloatArray
+    heights_agl_m: FloatArray  # (k,) wanted height above ground of each line
+    # how far the lines stop before the border of the area, as a share of the sensor's reach on flat ground
     inset: float
-    tolerance_m: float
+    tolerance_m: float  # how far the straight legs may leave the wanted height
+    # which of the four ways to fly it: bit 0 begins at the other end of the first line, bit 1 with the last line
     start: int = 0
+    # how far east and north all lines are moved, for a camera that looks at the ground beside them
     shift_m: tuple[float, float] = (0.0, 0.0)
 
 

@@ -40,25 +40,17 @@ _CLOSE_SAMPLES_M = 1.0
 
 
 def closed_end(
-    work: Work,
-    found: Sequence[SearchStart],
-    goal: float,
-    judge: RouteJudge,
+    work: Work,  # what is looked at, and how much may be done
+    found: Sequence[SearchStart],  # what the stages of the search ended with
+    goal: float,  # share of what can be covered
+    judge: RouteJudge,  # judges the ends, and closes their gaps
     *,
-    until: float,
-    least_short: int = 0,
+    until: float,  # share of all the work, 0..1, after which no more are tried
+    least_short: int = 0,  # number of ends with the least shortfall that are always tried
 ) -> SearchStart | None:
     """Repair the end of a search that misses its goal, with the work that is left for it.
 
     Where nearly full coverage is required, gaps are expensive: then the ends of all stages are tried, and the cheapest counts.
-
-    Args:
-        work: what is looked at, and how much may be done.
-        found: what the stages of the search ended with.
-        goal: share of what can be covered.
-        judge: judges the ends, and closes their gaps.
-        until: share of all the work, 0..1, after which no more are tried.
-        least_short: number of ends with the least shortfall that are always tried.
 
     Returns:
         None where an end reaches the goal, or none could be closed.
@@ -86,28 +78,20 @@ def closed_end(
 
 
 def closed_beginning(
-    work: Work,
-    starts: Sequence[SearchStart],
-    found: Sequence[SearchStart],
-    goal: float,
-    judge: RouteJudge,
+    work: Work,  # what is looked at, and how much may be done
+    starts: Sequence[SearchStart],  # the beginnings of the search
+    found: Sequence[SearchStart],  # what its stages ended with
+    goal: float,  # share of what can be covered
+    judge: RouteJudge,  # judges beginnings, and closes their gaps
     *,
-    until: float,
+    until: float,  # share of all the work, 0..1, after which no more are tried, ..
+    # ... and the same while none is closed: a search that is far from its goal rarely reaches it otherwise.
     at_last: float,
 ) -> SearchStart | None:
     """A beginning that sees enough, or the cheapest of those that see most, their gaps closed.
 
     On ground whose last part is expensive, such as the walls of a canyon, a search from a short start loses its coverage there,
     and long lines are the better beginning.
-
-    Args:
-        work: what is looked at, and how much may be done.
-        starts: the beginnings of the search.
-        found: what its stages ended with.
-        goal: share of what can be covered.
-        judge: judges beginnings, and closes their gaps.
-        until: share of all the work, 0..1, after which no more are tried, ...
-        at_last: ... and the same while none is closed: a search that is far from its goal rarely reaches it otherwise.
 
     Returns:
         None where the search did not end far from its goal, or none could be closed.
@@ -150,23 +134,16 @@ def price_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -
 
 
 def with_gaps_closed(
-    judging: CoverageMap,
-    route: Route,
-    goal: float,
+    judging: CoverageMap,  # the cells by which routes are judged
+    route: Route,  # keeps the limits
+    goal: float,  # share of what can be covered
+    # multiples of the missing ground that are tried, one after the other, until the goal is reached
     more_ground: Sequence[float],
-    is_over: Callable[[], bool],
+    is_over: Callable[[], bool],  # whether there is no time left for it
     *,
-    most_trials: int,
+    most_trials: int,  # to make each of those routes shorter
 ) -> Route | None:
     """The route, followed by a repair for enough of its missing ground, or with added viewpoints.
-
-    Args:
-        judging: the cells by which routes are judged.
-        route: keeps the limits.
-        goal: share of what can be covered.
-        more_ground: multiples of the missing ground that are tried, one after the other, until the goal is reached.
-        is_over: whether there is no time left for it.
-        most_trials: to make each of those routes shorter.
 
     Returns:
         None where the route reaches the goal, and where closing its gaps is too much to find out, or breaks a limit.

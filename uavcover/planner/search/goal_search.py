@@ -23,23 +23,15 @@ _ROUNDING = 1e-9
 
 
 def search_goals(
-    work: Work,
-    starts: Sequence[SearchStart],
+    work: Work,  # what is looked at, and how much may be done
+    starts: Sequence[SearchStart],  # one at least
     *,
-    asked: float | None,
-    capacity: int,
-    until: float,
-    judge: RouteJudge,
+    asked: float | None,  # share of what can be covered that the selection rule asks for, if it does
+    capacity: int,  # most waypoints
+    until: float,  # share of all the work, 0..1, after which this search ends
+    judge: RouteJudge,  # judges what is found; goals on the planner's cells are corrected by it
 ) -> list[SearchStart]:
     """Find the shortest routes for the goals of the ladder, mainly for the required one.
-
-    Args:
-        work: what is looked at, and how much may be done.
-        starts: one at least.
-        asked: share of what can be covered that the selection rule asks for, if it does.
-        capacity: most waypoints.
-        until: share of all the work, 0..1, after which this search ends.
-        judge: judges what is found; goals on the planner's cells are corrected by it.
 
     Returns:
         The beginnings, and what the stages ended with.
@@ -142,40 +134,29 @@ def _search_whole(
 
 
 def search_goal(
-    work: Work,
-    starts: Sequence[SearchStart],
-    goal: float,
-    capacity: int,
-    share: tuple[float, float],
-    stages: Sequence[float],
-    judge: RouteJudge,
+    work: Work,  # what is looked at, and how much may be done
+    starts: Sequence[SearchStart],  # one at least
+    goal: float,  # share of what can be covered
+    capacity: int,  # most waypoints
+    share: tuple[float, float],  # of all the work, 0..1, where this search begins and ends
+    stages: Sequence[float],  # shares of this search's work after which the goal is corrected, the last is 1
+    judge: RouteJudge,  # judges what is found
     *,
+    # in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
     waypoint_price: float | None = None,
+    # the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
+    # and where nearly everything is to be seen, not to open them again
     closed: bool = False,
+    # factor of the price of coverage where the beginning is closed and nearly everything is to be seen
     price_factor: float | None = None,
-    coverage_price: float | None = None,
-    most_short: float = 1.0,
+    coverage_price: float | None = None,  # of all coverage, in lengths of the route, where it is higher than by default
+    most_short: float = 1.0,  # by so much the first stage may miss the goal; by more, and the search ends there
+    # share of all the work until which further, short stages may follow while they get nearer to the goal
     later: float = 0.0,
 ) -> list[SearchStart]:
     """Search for one goal in stages.
 
     Each corrects the goal, and after the first both chains continue from the better route.
-
-    Args:
-        work: what is looked at, and how much may be done.
-        starts: one at least.
-        goal: share of what can be covered.
-        capacity: most waypoints.
-        share: of all the work, 0..1, where this search begins and ends.
-        stages: shares of this search's work after which the goal is corrected, the last is 1.
-        judge: judges what is found.
-        waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
-        closed: the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
-            and where nearly everything is to be seen, not to open them again.
-        price_factor: factor of the price of coverage where the beginning is closed and nearly everything is to be seen.
-        coverage_price: of all coverage, in lengths of the route, where it is higher than by default.
-        most_short: by so much the first stage may miss the goal; by more, and the search ends there.
-        later: share of all the work until which further, short stages may follow while they get nearer to the goal.
 
     Returns:
         What the stages ended with: beginnings for other goals.
@@ -323,24 +304,15 @@ def _chain(
 
 
 def search_waypoints(
-    work: Work,
-    starts: Sequence[SearchStart],
+    work: Work,  # what is looked at, and how much may be done
+    starts: Sequence[SearchStart],  # one at least; long ones of few waypoints are good for the higher prices
     *,
-    goal: float,
-    capacity: int,
-    until: float,
-    judge: RouteJudge,
+    goal: float,  # share of what can be covered
+    capacity: int,  # most waypoints
+    until: float,  # share of all the work, 0..1, after which this search ends
+    judge: RouteJudge,  # judges what is found
 ) -> list[SearchStart]:
-    """Find routes that reach a goal with ever fewer waypoints.
-
-    Args:
-        work: what is looked at, and how much may be done.
-        starts: one at least; long ones of few waypoints are good for the higher prices.
-        goal: share of what can be covered.
-        capacity: most waypoints.
-        until: share of all the work, 0..1, after which this search ends.
-        judge: judges what is found.
-    """
+    """Find routes that reach a goal with ever fewer waypoints."""
     begin, tuned = work.pace.fraction, work.tuning.goal
     prices = _thinned(tuned.waypoint_prices, _most_goals(work, until - begin))
     each = (until - begin) / len(prices)

@@ -50,44 +50,28 @@ _LOCAL_SEARCH_STREAM = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Improved:
-    """Result of a local search.
+    """Result of a local search."""
 
-    Attributes:
-        routes: worth judging.
-        evaluations: its work, PROPOSALS_PER_EVALUATION proposals each.
-        interrupted: whether the user ended it.
-    """
-
-    routes: tuple[Route, ...]
-    evaluations: int
-    interrupted: bool
+    routes: tuple[Route, ...]  # worth judging
+    evaluations: int  # its work, PROPOSALS_PER_EVALUATION proposals each
+    interrupted: bool  # whether the user ended it
 
 
 def improve(
-    coverage: CoverageMap,
-    judging: CoverageMap,
-    candidates: Sequence[Candidate],
+    coverage: CoverageMap,  # on the planner's cells
+    judging: CoverageMap,  # on the cells by which routes are judged
+    candidates: Sequence[Candidate],  # found so far; those that break a limit are no beginning
+    # its effort and clock, the executor of its chains, and who follows it; evaluations that are done already count
     run: SearchRun,
     *,
-    settings: PlannerSettings,
-    rule: Rule,
-    evaluations_done: int,
+    settings: PlannerSettings,  # encoding, capacity and seed
+    rule: Rule,  # by which one route will be chosen: most of the work goes where it chooses
+    evaluations_done: int,  # by the optimizer
+    # may look at what has been found, between batches
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
-    tuning: SearchTuning = TUNED,
+    tuning: SearchTuning = TUNED,  # of the search
 ) -> Improved:
-    """Improve routes by local search.
-
-    Args:
-        coverage: on the planner's cells.
-        judging: on the cells by which routes are judged.
-        candidates: found so far; those that break a limit are no beginning.
-        run: its effort and clock, the executor of its chains, and who follows it; evaluations that are done already count.
-        settings: encoding, capacity and seed.
-        rule: by which one route will be chosen: most of the work goes where it chooses.
-        evaluations_done: by the optimizer.
-        look: may look at what has been found, between batches.
-        tuning: of the search.
-    """
+    """Improve routes by local search."""
     site, effort = coverage.site, run.effort
     left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
     starts = _starts(coverage, candidates, settings)
@@ -140,25 +124,15 @@ def improve(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judging:
-    """Judge the routes of a search as they would be chosen, and keep what it finds.
+    """Judge the routes of a search as they would be chosen, and keep what it finds."""
 
-    Attributes:
-        site: the scenario on its ground.
-        judging: the cells by which routes are judged.
-        judges: these, and finer ones.
-        problem: the search's.
-        tuned: how gaps are closed.
-        executor: judges on several maps at once; none: one after the other.
-        kept: the routes that were found.
-    """
-
-    site: Site
-    judging: CoverageMap
-    judges: Sequence[CoverageMap]
-    problem: RouteProblem
-    tuned: GoalTuning
-    executor: Executor | None
-    kept: list[Route]
+    site: Site  # the scenario on its ground
+    judging: CoverageMap  # the cells by which routes are judged
+    judges: Sequence[CoverageMap]  # these, and finer ones
+    problem: RouteProblem  # the search's
+    tuned: GoalTuning  # how gaps are closed
+    executor: Executor | None  # judges on several maps at once; none: one after the other
+    kept: list[Route]  # the routes that were found
 
     def as_chosen(self, route: Route) -> Route:
         """The route with sure photos and sound corners, which can be chosen. On long routes they cost some coverage."""
@@ -279,23 +253,16 @@ _MORE_M = (1.5, 6.0)
 
 
 def with_waiting_turns(
-    judging: CoverageMap,
-    route: Route,
-    goal: float,
+    judging: CoverageMap,  # the cells by which routes are judged
+    route: Route,  # keeps the limits
+    goal: float,  # share of what can be covered
     *,
-    cost: Callable[[Route], float],
+    cost: Callable[[Route], float],  # of a route
+    # of all coverage, in costs of the route: what a turn shows by waiting has to be worth more than its way
     price: float,
-    is_over: Callable[[], bool],
+    is_over: Callable[[], bool],  # whether there is no time left for it
 ) -> Route:
     """The route with turns that wait for their next photo, one after the other until the goal is reached.
-
-    Args:
-        judging: the cells by which routes are judged.
-        route: keeps the limits.
-        goal: share of what can be covered.
-        cost: of a route.
-        price: of all coverage, in costs of the route: what a turn shows by waiting has to be worth more than its way.
-        is_over: whether there is no time left for it.
 
     Returns:
         The route itself where no turn should wait, and where photos are not taken by distance.

@@ -95,29 +95,17 @@ class PaceByClock:
 
 @dataclass(slots=True, eq=False)
 class Chain:
-    """One route under annealing.
+    """One route under annealing."""
 
-    Attributes:
-        problem: what is looked at.
-        state: the route.
-        prices: of the energy.
-        hottest: temperature at the beginning of a stage.
-        coldest: at its end.
-        step_m: widest moves.
-        fewest: waypoints.
-        most: waypoints.
-        rebuilt: share of the proposals that rebuild the route around a waypoint, where the order is free.
-    """
-
-    problem: RouteProblem
-    state: RouteState
-    prices: Prices
-    hottest: float
-    coldest: float
-    step_m: float
-    fewest: int
-    most: int
-    rebuilt: float = 0.0
+    problem: RouteProblem  # what is looked at
+    state: RouteState  # the route
+    prices: Prices  # of the energy
+    hottest: float  # temperature at the beginning of a stage
+    coldest: float  # at its end
+    step_m: float  # widest moves
+    fewest: int  # waypoints
+    most: int  # waypoints
+    rebuilt: float = 0.0  # share of the proposals that rebuild the route around a waypoint, where the order is free
 
     @property
     def route(self) -> Route:
@@ -142,33 +130,21 @@ class Chain:
 
 @dataclass(slots=True, eq=False)
 class Work:
-    """The work of one local search, and its observers.
+    """The work of one local search, and its observers."""
 
-    Attributes:
-        problem: what is looked at.
-        pace: how much is left.
-        rngs: one random generator for each chain.
-        executor: runs the chains side by side; the result does not depend on it.
-        should_stop: asked between batches.
-        on_batch: called after every batch, with the chains.
-        proposals: done so far, by all chains.
-        stopped: whether ``should_stop`` ended the work.
-        finest: the problem on the finest cells, from a route that sees nearly all; none where there are none.
-        tuning: of the search.
-        correction: share of all the work that judging routes and preparing chains took the last time; 0 where work is counted
-            by proposals.
-    """
-
-    problem: RouteProblem
-    pace: SearchPace
-    rngs: Sequence[np.random.Generator]
-    executor: Executor | None
-    should_stop: Callable[[], bool]
-    on_batch: Callable[[Sequence[Chain]], None]
+    problem: RouteProblem  # what is looked at
+    pace: SearchPace  # how much is left
+    rngs: Sequence[np.random.Generator]  # one random generator for each chain
+    executor: Executor | None  # runs the chains side by side; the result does not depend on it
+    should_stop: Callable[[], bool]  # asked between batches
+    on_batch: Callable[[Sequence[Chain]], None]  # called after every batch, with the chains
+    # the problem on the finest cells, from a route that sees nearly all; none where there are none
     finest: Callable[[Route], RouteProblem] | None = None
-    tuning: SearchTuning = TUNED
-    proposals: int = 0
-    stopped: bool = field(default=False)
+    tuning: SearchTuning = TUNED  # of the search
+    proposals: int = 0  # done so far, by all chains
+    stopped: bool = field(default=False)  # whether ``should_stop`` ended the work
+    # share of all the work that judging routes and preparing chains took the last time; 0 where work is counted by
+    # proposals
     correction: float = 0.0
 
     def run(self, chains: Sequence[Chain], *, until: float) -> bool:

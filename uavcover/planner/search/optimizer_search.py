@@ -19,15 +19,10 @@ _SHORTEST_EVALUATION_S = 1e-5
 
 
 class Encoding(Protocol):
-    """Maps genes to routes.
+    """Maps genes to routes."""
 
-    Attributes:
-        lower: (d,) lower bounds.
-        upper: (d,) upper bounds.
-    """
-
-    lower: FloatArray
-    upper: FloatArray
+    lower: FloatArray  # (d,) lower bounds
+    upper: FloatArray  # (d,) upper bounds
 
     def decode(self, genes: FloatArray) -> Route:
         """The route of a (d,) vector of genes."""
@@ -36,35 +31,22 @@ class Encoding(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SearchProgress:
-    """Progress of a search.
+    """Progress of a search."""
 
-    Attributes:
-        evaluations: routes evaluated so far.
-        total: routes that will be evaluated, or an estimate under a time budget.
-        best_coverage: largest share of the planner's cells that a feasible route sees.
-        least_cost: of the feasible routes that reach the required coverage, in the unit of the objective; none yet or none
-            required.
-        incumbent: the best route so far; none where it is not known.
-    """
-
-    evaluations: int
-    total: int
-    best_coverage: float
+    evaluations: int  # routes evaluated so far
+    total: int  # routes that will be evaluated, or an estimate under a time budget
+    best_coverage: float  # largest share of the planner's cells that a feasible route sees
+    # of the feasible routes that reach the required coverage, in the unit of the objective; none yet or none required
     least_cost: float | None
-    incumbent: Route | None = None
+    incumbent: Route | None = None  # the best route so far; none where it is not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Searched:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes:
-        interrupted: whether the user ended it.
-        scale: (3,) by which the objectives were divided for the optimizer; None: it received no values.
-    """
-
-    interrupted: bool
-    scale: FloatArray | None
+    interrupted: bool  # whether the user ended it
+    scale: FloatArray | None  # (3,) by which the objectives were divided for the optimizer; None: it received no values
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,21 +69,13 @@ class Effort:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchRun:
-    """Resources of a search, and its observers.
+    """Resources of a search, and its observers."""
 
-    Attributes:
-        effort: when to stop.
-        started: when planning began, by the effort's clock.
-        executor: works on routes side by side; the result does not depend on it.
-        should_stop: the user's stop, asked before every round or batch.
-        on_progress: called after every round or batch.
-    """
-
-    effort: Effort
-    started: float
-    executor: Executor | None = None
-    should_stop: Callable[[], bool] = lambda: False
-    on_progress: Callable[[SearchProgress], None] = lambda _: None
+    effort: Effort  # when to stop
+    started: float  # when planning began, by the effort's clock
+    executor: Executor | None = None  # works on routes side by side; the result does not depend on it
+    should_stop: Callable[[], bool] = lambda: False  # the user's stop, asked before every round or batch
+    on_progress: Callable[[SearchProgress], None] = lambda _: None  # called after every round or batch
 
 
 def rounds_of(
@@ -133,28 +107,18 @@ def rounds_of(
 
 
 def search(
-    optimizer: AskAndTell,
-    run: SearchRun,
+    optimizer: AskAndTell,  # fresh
+    run: SearchRun,  # its effort, its clock, and who follows it
     *,
-    rounds: int,
-    encoding: Encoding,
-    coverage: CoverageMap,
-    at_least_one_round: bool,
-    goal: float | None,
+    rounds: int,  # that it was made for
+    encoding: Encoding,  # of the routes
+    coverage: CoverageMap,  # on the planner's cells
+    at_least_one_round: bool,  # whether the user's stop waits for the first round, because there is no other route yet
+    goal: float | None,  # required share of the planner's cells, if one is required
+    # may look at the Pareto set, before each round is added to it
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
 ) -> Searched:
-    """Run the optimizer until it ends, the budget is used up or the user stops it.
-
-    Args:
-        optimizer: fresh.
-        run: its effort, its clock, and who follows it.
-        rounds: that it was made for.
-        encoding: of the routes.
-        coverage: on the planner's cells.
-        at_least_one_round: whether the user's stop waits for the first round, because there is no other route yet.
-        goal: required share of the planner's cells, if one is required.
-        look: may look at the Pareto set, before each round is added to it.
-    """
+    """Run the optimizer until it ends, the budget is used up or the user stops it."""
     best, shortest = 0.0, math.inf
     scale: FloatArray | None = None
     while not optimizer.should_stop:

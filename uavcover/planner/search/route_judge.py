@@ -12,18 +12,14 @@ SAFETY = 0.0003
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteJudge:
-    """Judge of a search's routes.
+    """Judge of a search's routes."""
 
-    Attributes:
-        coverage: share of what can be covered that a route sees, on the cells it is judged on; exact where it may reach the goal,
-            which it is given.
-        found: called with every route worth judging.
-        closed: a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out.
-            It receives the test whether there is no time left for it.
-    """
-
+    # share of what can be covered that a route sees, on the cells it is judged on; exact where it may reach the goal,
+    # which it is given
     coverage: Callable[[Route, float], float]
-    found: Callable[[Route], None]
+    found: Callable[[Route], None]  # called with every route worth judging
+    # a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out. It
+    # receives the test whether there is no time left for it.
     closed: Callable[[Route, float, Callable[[], bool]], Route | None] = lambda _route, _goal, _is_over: None
 
 

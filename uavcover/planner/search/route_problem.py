@@ -31,17 +31,11 @@ _RUNS_OF_A_ROW = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteProblem:
-    """The kernels' view of a site.
+    """The kernels' view of a site."""
 
-    Attributes:
-        numbers: for :mod:`uavcover.kernels.annealing`.
-        reach_m: how far the sensor sees on the map from the middle of the allowed band.
-        stride: most numbers that the runs of a segment may have.
-    """
-
-    numbers: SearchProblem
-    reach_m: float
-    stride: int
+    numbers: SearchProblem  # for :mod:`uavcover.kernels.annealing`
+    reach_m: float  # how far the sensor sees on the map from the middle of the allowed band
+    stride: int  # most numbers that the runs of a segment may have
 
     def cost(self, route: Route) -> float:
         """Cost of a route, apart from missing coverage: its length, or the planner's objective, with the price of waypoints."""

@@ -34,21 +34,17 @@ def thinned_out(problem: RouteProblem, route: Route, *, goal: float) -> Route:
 
 
 def simplified(
+    # the cells that routes are judged on, and finer ones, where as much must be seen too
     judges: Sequence[CoverageMap],
-    route: Route,
+    route: Route,  # keeps the limits
     *,
-    asked: float | None,
+    asked: float | None,  # share of what can be covered that the selection rule asks for, if it does
+    # whether there is no time left: asked between attempts and between sweeps. The first sweep is made all the same.
     is_over: Callable[[], bool] = lambda: False,
 ) -> Route | None:
     """A route without the waypoints whose removal keeps limits, cost and coverage, counted exactly; none when it needs them all.
 
     Coverage beyond ``asked`` may go, but for the margin that the search keeps to it; without ``asked``, or below it, none may.
-
-    Args:
-        judges: the cells that routes are judged on, and finer ones, where as much must be seen too.
-        route: keeps the limits.
-        asked: share of what can be covered that the selection rule asks for, if it does.
-        is_over: whether there is no time left: asked between attempts and between sweeps. The first sweep is made all the same.
     """
     before = [_seen(each, route) for each in judges]
     least = [least_seen(seen, asked, finer=number > 0) for number, seen in enumerate(before)]

@@ -12,35 +12,23 @@ from uavcover.planner.search.tuning import TUNED, GoalTuning
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchStart:
-    """A feasible route to start from.
+    """A feasible route to start from."""
 
-    Attributes:
-        route: its waypoints.
-        seen: share of what can be covered that it sees on the planner's cells.
-    """
-
-    route: Route
-    seen: float
+    route: Route  # its waypoints
+    seen: float  # share of what can be covered that it sees on the planner's cells
 
 
 def starts_worth_looking_at(
-    problem: RouteProblem,
-    routes: Sequence[Route],
-    goal: float,
-    share_seen: Callable[[Route], float],
-    tuned: GoalTuning = TUNED.goal,
+    problem: RouteProblem,  # what is looked at
+    routes: Sequence[Route],  # of any coverage
+    goal: float,  # share of what can be covered
+    share_seen: Callable[[Route], float],  # share of what can be covered that a route sees
+    tuned: GoalTuning = TUNED.goal,  # has the price of what is missing
 ) -> list[SearchStart]:
     """Routes as initial solutions for a goal, without those too expensive for :func:`best_starts`.
 
     Finding out what a route sees takes long on many cells. Missing coverage only adds to its cost: routes are looked at from the
     cheapest on, until the next one costs more than the best come to, as many as there are chains.
-
-    Args:
-        problem: what is looked at.
-        routes: of any coverage.
-        goal: share of what can be covered.
-        share_seen: share of what can be covered that a route sees.
-        tuned: has the price of what is missing.
 
     Returns:
         Beginnings in the order of the routes; the best CHAINS of all are among them.
@@ -57,21 +45,13 @@ def starts_worth_looking_at(
 
 
 def best_starts(
-    problem: RouteProblem,
-    starts: Sequence[SearchStart],
-    goal: float,
-    waypoint_m: float = 0.0,
-    tuned: GoalTuning = TUNED.goal,
+    problem: RouteProblem,  # what is looked at
+    starts: Sequence[SearchStart],  # of any coverage
+    goal: float,  # share of what can be covered
+    waypoint_m: float = 0.0,  # a price of waypoints beside that of the cost
+    tuned: GoalTuning = TUNED.goal,  # has the price of what is missing
 ) -> list[SearchStart]:
-    """The beginnings for a goal, the best first.
-
-    Args:
-        problem: what is looked at.
-        starts: of any coverage.
-        goal: share of what can be covered.
-        waypoint_m: a price of waypoints beside that of the cost.
-        tuned: has the price of what is missing.
-    """
+    """The beginnings for a goal, the best first."""
     return sorted(starts, key=lambda start: _merit(problem, start, goal, waypoint_m, tuned))
 
 

@@ -49,17 +49,11 @@ def _sweep(tuned: FreeOrderTuning) -> _Stage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fewest:
-    """State of the search for few waypoints.
+    """State of the search for few waypoints."""
 
-    Attributes:
-        best: the chain to go on with.
-        whole: that sees all with the fewest waypoints; while nothing does: what saw most at the beginning.
-        full: whether all has been seen by as few as in ``best``, or by one more: no more come in then.
-    """
-
-    best: Chain
-    whole: SearchStart
-    full: bool
+    best: Chain  # the chain to go on with
+    whole: SearchStart  # that sees all with the fewest waypoints; while nothing does: what saw most at the beginning
+    full: bool  # whether all has been seen by as few as in ``best``, or by one more: no more come in then
 
 
 def spread(
@@ -188,25 +182,18 @@ def _without_least(work: Work, chain: Chain) -> Route:
 
 
 def search_free_order(
-    work: Work,
-    starts: Sequence[SearchStart],
+    work: Work,  # what is looked at, and how much may be done; ``work.problem.free_order`` holds
+    starts: Sequence[SearchStart],  # one at least
     *,
-    asked: float | None,
-    capacity: int,
-    judge: RouteJudge,
+    asked: float | None,  # share of what can be covered that the selection rule asks for; None: as much as there is
+    capacity: int,  # most waypoints
+    judge: RouteJudge,  # judges what is found
 ) -> None:
     """Shortest tours with the required coverage, or full coverage, and the most coverage with every number of waypoints.
 
     A tour of the fewest waypoints is not the shortest: with more of them it cuts corners and turns back earlier (the travelling
     salesman who need only come close). Tours come first when something sees enough already, so that a search which is stopped
     early has a good one; else when few waypoints have been found that do.
-
-    Args:
-        work: what is looked at, and how much may be done; ``work.problem.free_order`` holds.
-        starts: one at least.
-        asked: share of what can be covered that the selection rule asks for; None: as much as there is.
-        capacity: most waypoints.
-        judge: judges what is found.
     """
     goal, tuned = FULL if asked is None else asked, work.tuning.free_order
 

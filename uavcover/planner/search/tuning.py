@@ -191,17 +191,12 @@ class FreeOrderTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchTuning:
-    """All of them.
+    """All of them."""
 
-    Attributes:
-        moves: shares of the proposals by kind; where the order is given, the two kinds of transfer are exchanges instead.
-        goal: of the search for a coverage.
-        free_order: of the search for waypoints in any order.
-    """
-
+    # shares of the proposals by kind; where the order is given, the two kinds of transfer are exchanges instead
     moves: Moves = _MOVES
-    goal: GoalTuning = field(default_factory=GoalTuning)
-    free_order: FreeOrderTuning = field(default_factory=FreeOrderTuning)
+    goal: GoalTuning = field(default_factory=GoalTuning)  # of the search for a coverage
+    free_order: FreeOrderTuning = field(default_factory=FreeOrderTuning)  # of the search for waypoints in any order
 
 
 TUNED = SearchTuning()

@@ -25,21 +25,13 @@ _ROUNDING_M = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Places and the cells they see: set k of :mod:`uavcover.kernels.set_cover` is the cells of place k.
+    """Places and the cells they see: set k of :mod:`uavcover.kernels.set_cover` is the cells of place k."""
 
-    Attributes:
-        places_m: (p, 3) ENU.
-        spacing_m: of the lattice.
-        start: (p + 1,) where the cells of each place begin in ``cells``.
-        cells: numbers of the cells that are seen, rising for each place.
-        weight: (n,) share of each cell in what can be covered at all; 0 for one that cannot.
-    """
-
-    places_m: FloatArray
-    spacing_m: float
-    start: NDArray[np.int64]
-    cells: NDArray[np.int32]
-    weight: FloatArray
+    places_m: FloatArray  # (p, 3) ENU
+    spacing_m: float  # of the lattice
+    start: NDArray[np.int64]  # (p + 1,) where the cells of each place begin in ``cells``
+    cells: NDArray[np.int32]  # numbers of the cells that are seen, rising for each place
+    weight: FloatArray  # (n,) share of each cell in what can be covered at all; 0 for one that cannot
 
     @property
     def in_words(self) -> str:
@@ -157,19 +149,12 @@ def _around(site: Site, reach_m: float) -> shapely.Geometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reduced:
-    """A table of :mod:`uavcover.kernels.set_cover`: sets of classes of cells that the same places see.
+    """A table of :mod:`uavcover.kernels.set_cover`: sets of classes of cells that the same places see."""
 
-    Attributes:
-        numbers: (c,) the places that are left, as numbers of the candidates.
-        start: (c + 1,).
-        classes: numbers of classes, rising for each place.
-        weight: (m,) share of each class in what can be covered at all, above 0; each is seen by some place.
-    """
-
-    numbers: NDArray[np.int64]
-    start: NDArray[np.int64]
-    classes: NDArray[np.int32]
-    weight: FloatArray
+    numbers: NDArray[np.int64]  # (c,) the places that are left, as numbers of the candidates
+    start: NDArray[np.int64]  # (c + 1,)
+    classes: NDArray[np.int32]  # numbers of classes, rising for each place
+    weight: FloatArray  # (m,) share of each class in what can be covered at all, above 0; each is seen by some place
 
     @property
     def reachable(self) -> float:

@@ -30,27 +30,18 @@ _COVERED = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class SolverEffort:
-    """Limits on the effort for an exact answer.
+    """Limits on the effort for an exact answer."""
 
-    Attributes:
-        time_s: wall time; the outcome then depends on the machine.
-        nodes: of branch and bound, which depends on nothing; 0: the linear relaxation alone.
-    """
-
-    time_s: float | None = None
-    nodes: int | None = None
+    time_s: float | None = None  # wall time; the outcome then depends on the machine
+    nodes: int | None = None  # of branch and bound, which depends on nothing; 0: the linear relaxation alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoverSolution:
-    """Solution of a program, with its proved bound.
+    """Solution of a program, with its proved bound."""
 
-    Attributes:
-        chosen: (k,) numbers of the places found, None when none were found in the time.
-        bound: no choice of these places needs fewer places, or sees more; None: nothing was proved in the time.
-    """
-
-    chosen: NDArray[np.int64] | None
+    chosen: NDArray[np.int64] | None  # (k,) numbers of the places found, None when none were found in the time
+    # no choice of these places needs fewer places, or sees more; None: nothing was proved in the time
     bound: float | None
 
 

@@ -24,23 +24,15 @@ NO_LINK_S = 1e7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tables:
-    """Time, or energy in w winds, by stretches in their directions: m of them, 2 for each leg of the route.
+    """Time, or energy in w winds, by stretches in their directions: m of them, 2 for each leg of the route."""
 
-    Attributes:
-        alone: (w, m) along each stretch, from rest to rest.
-        arc: (w, m, m) from the end of one to the end of the one behind it, but for the turn at the end of the first.
-        turn: (w, m, m) at the end of the first.
-        there: (w, m, m) from home to the end of one, with the turn onto the way to another.
-        first: (w, m) from home to where a stretch begins, with the turn onto it.
-        back: (w, m) from where it ends to home.
-    """
-
-    alone: FloatArray
+    alone: FloatArray  # (w, m) along each stretch, from rest to rest
+    # (w, m, m) from the end of one to the end of the one behind it, but for the turn at the end of the first
     arc: FloatArray
-    turn: FloatArray
-    there: FloatArray
-    first: FloatArray
-    back: FloatArray
+    turn: FloatArray  # (w, m, m) at the end of the first
+    there: FloatArray  # (w, m, m) from home to the end of one, with the turn onto the way to another
+    first: FloatArray  # (w, m) from home to where a stretch begins, with the turn onto it
+    back: FloatArray  # (w, m) from where it ends to home
 
 
 class OrderCosts:
@@ -134,25 +126,18 @@ def _rows(tables: Tables, order: IntArray, before: IntArray, behind: IntArray) -
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Paths:
-    """All stretches, and all pairs of them, as one path after the other.
+    """All stretches, and all pairs of them, as one path after the other."""
 
-    Attributes:
-        points_m: (p, 3) of all of them: first the m stretches, then for each pair the last leg of one, the link, and the first
-            leg of the other.
-        begins: (m + m m + 1,) where each begins in it.
-        pairs_m: (2 (2 m + m m), 3) two waypoints each: the first leg of each stretch, its last leg, and the first leg that is
-            flown from the end of one stretch to another.
-        exists: (m, m) whether there is such a link.
-        same: (m, m) whether one ends where the other begins.
-        between: (m, m) waypoints that the link and the beginning of the other add.
-    """
-
+    # (p, 3) of all of them: first the m stretches, then for each pair the last leg of one, the link, and the first leg
+    # of the other
     points_m: FloatArray
-    begins: IntArray
+    begins: IntArray  # (m + m m + 1,) where each begins in it
+    # (2 (2 m + m m), 3) two waypoints each: the first leg of each stretch, its last leg, and the first leg that is
+    # flown from the end of one stretch to another
     pairs_m: FloatArray
-    exists: np.ndarray
-    same: np.ndarray
-    between: IntArray
+    exists: np.ndarray  # (m, m) whether there is such a link
+    same: np.ndarray  # (m, m) whether one ends where the other begins
+    between: IntArray  # (m, m) waypoints that the link and the beginning of the other add
 
     @classmethod
     def of(cls, stretches: Stretches) -> "_Paths":

@@ -40,19 +40,12 @@ _WAY_ITEMS = 2
 
 @dataclass(frozen=True, slots=True)
 class OrderEffort:
-    """Effort of the search for an order.
+    """Effort of the search for an order."""
 
-    Attributes:
-        tries: orders that are tried, where no time counts.
-        seed: of the whole search.
-        used: share of the time that is used, 0..1; none where no time counts.
-        should_stop: the user's stop; the best order so far is taken.
-    """
-
-    tries: int
-    seed: int
-    used: Callable[[], float] | None = None
-    should_stop: Callable[[], bool] = lambda: False
+    tries: int  # orders that are tried, where no time counts
+    seed: int  # of the whole search
+    used: Callable[[], float] | None = None  # share of the time that is used, 0..1; none where no time counts
+    should_stop: Callable[[], bool] = lambda: False  # the user's stop; the best order so far is taken
 
     def done(self, tried: int) -> float:
         """Share of the work that is done after ``tried`` orders, 1 at its end."""

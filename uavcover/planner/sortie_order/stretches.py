@@ -19,14 +19,10 @@ _MOST_LAID = 800
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
-    """Stretches of a route in both directions: number 2 k flies leg k as the route does, 2 k + 1 the other way.
+    """Stretches of a route in both directions: number 2 k flies leg k as the route does, 2 k + 1 the other way."""
 
-    Attributes:
-        places_m: (n + 1, 3) ENU, where stretches begin and end: stretch k leads from place k to place k + 1.
-        links_m: by two places, the (k, 3) waypoints between them of a link that keeps the limits; none where there is none.
-    """
-
-    places_m: FloatArray
+    places_m: FloatArray  # (n + 1, 3) ENU, where stretches begin and end: stretch k leads from place k to place k + 1
+    # by two places, the (k, 3) waypoints between them of a link that keeps the limits; none where there is none
     links_m: dict[tuple[int, int], FloatArray]
 
     @property
