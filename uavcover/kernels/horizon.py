@@ -25,7 +25,7 @@ _FILLED_M = 1e9
 """Stands for ground without data: nothing is known to be clear of it."""
 
 _MOST_SQUARES = 4_000_000
-_MOST_BANDS = 32
+_MOST_BANDS = 16
 """Rings around a cell whose ground may hide what is behind it, half a pixel wide each."""
 _DEEP_M = 1e-3
 """A hidden ray is so far below the ground in one place at least."""
@@ -33,7 +33,7 @@ _DEEP_M = 1e-3
 _SECTOR_RAD = 2.0 * math.pi / SECTORS
 _HALF = math.tan(_SECTOR_RAD)
 _ROUNDING = 1e-12
-_PIECES = 6
+_PIECES = 4
 """Parts of a cell of the grid beside a place, in columns and in rows, whose ground is looked at one by one."""
 
 _BENT = 1e-3
@@ -61,7 +61,7 @@ def sector_of(east: float, north: float) -> int:
 
 
 def rises(
-    surface: Surface, centre: NDArray[np.float64], *, reach_m: float, flattest: float = 0.0
+    surface: Surface, centre: NDArray[np.float64], *, reach_m: float, flattest: float = math.inf
 ) -> NDArray[np.float32]:
     """(n, 3, 16) what decides rays from each cell in each sector; (0, 3, 16) where it would not pay.
 
@@ -72,14 +72,15 @@ def rises(
         surface: the ground; on an analytic one rays are cheap.
         centre: (n, 3) of the cells, on the ground or above it.
         reach_m: on the map; rays to places further away are no matter.
-        flattest: tangent of the flattest ray that is asked for.
+        flattest: tangent of the flattest ray that is asked for; with none, bounds are found sooner and less close, and no ray is
+            hidden by them.
     """
     nothing = np.empty((0, 3, SECTORS), dtype=np.float32)
     if surface.kind != GRID or len(centre) == 0:
         return nothing
     grid = surface.grid
     pixel_m = 1.0 / max(grid.per_column, grid.per_row)
-    side_m = 0.25 * pixel_m
+    side_m = (0.25 if flattest < math.inf else 0.5) * pixel_m
     (west, south, low), (east, north, high) = centre.min(axis=0), centre.max(axis=0)
     wide_m = max(east - west, north - south) + 2.0 * reach_m + 2.0 * side_m
     levels = max(1, math.ceil(math.log2(max(2.0, reach_m / pixel_m))))
@@ -92,8 +93,10 @@ def rises(
     beside = grid.lean * (high - low + reach_m)
     tops = np.nan_to_num(highest_in_squares(filled, east0, north0, side_m, count, beside), nan=-math.inf)
     near_m = (1.0 - 2.0 * grid.leeway) * pixel_m
-    clear = _slopes_around(surface, centre)
-    lows, low_side_m, begin_m = _lowest(surface, tops.shape[0], east0, north0, side_m, beside), 2.0 * side_m, near_m
+    clear = _slopes_around(surface, centre, _PIECES if flattest < math.inf else 1)
+    lows, low_side_m, begin_m = tops, 2.0 * side_m, near_m
+    if flattest < math.inf:
+        lows = _lowest(surface, tops.shape[0], east0, north0, side_m, beside)
     while begin_m < reach_m:
         end_m = min(2.0 * begin_m, reach_m)
         _raise(clear, centre, tops, east0, north0, side_m, begin_m, end_m)
@@ -174,7 +177,7 @@ def _walls(
 
 
 @allocating_kernel
-def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.float64]:
+def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int) -> NDArray[np.float64]:
     """(n, 16) how steeply the ground rises in the 3 x 3 cells of the grid around each centre, in each sector, and 0 at least.
 
     A straight way over a bilinear cell is as steep as the gradient at one of its corners allows in that direction. Of the cells
@@ -226,14 +229,16 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.
         out[k] = 0.0
         for di in range(3):
             for dj in range(3):
-                _raise_in_cell(surface, i + di - 1, j + dj - 1, u, v, centre[k, 2], growth, slopes[di, dj], out[k])
+                _raise_in_cell(
+                    surface, i + di - 1, j + dj - 1, u, v, centre[k, 2], growth, slopes[di, dj], pieces, out[k]
+                )
     return out
 
 
 @kernel
 def _raise_in_cell(
     surface: Surface, i: int, j: int, u: float, v: float, up: float, growth: NDArray[np.float64],
-    slopes: NDArray[np.float64], rise: NDArray[np.float64],
+    slopes: NDArray[np.float64], pieces: int, rise: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Raise the tangents by the ground of one cell of the grid, in pieces.
 
@@ -250,6 +255,7 @@ def _raise_in_cell(
         up: its height.
         growth: of the grid there.
         slopes: (16,) of the cell's ground in each sector, 0 where the sector has none of it.
+        pieces: of the cell, in columns and in rows.
         rise: (16,) is raised.
     """
     raises = False
@@ -270,9 +276,9 @@ def _raise_in_cell(
         return
     straight = math.sqrt(max(0.0, 1.0 - grid.skew))
     per_area = 1.0 / (growth[0, 0] * growth[1, 1] - growth[0, 1] * growth[1, 0])
-    for a in range(_PIECES):
-        for b in range(_PIECES):
-            near_x, far_x, near_y, far_y = b / _PIECES, (b + 1) / _PIECES, a / _PIECES, (a + 1) / _PIECES
+    for a in range(pieces):
+        for b in range(pieces):
+            near_x, far_x, near_y, far_y = b / pieces, (b + 1) / pieces, a / pieces, (a + 1) / pieces
             higher = -math.inf
             for x in (near_x, far_x):
                 for y in (near_y, far_y):

@@ -219,7 +219,8 @@ def _cut(
     sight, skyline = sight_for_cells(site.scenario.sensor), NO_SKYLINES
     if sight.line_of_sight == RAY:
         skyline = skylines(obstacles, centre, horizon, reach_m=reach_m, flattest=1.0 / widest_tangent(sight))
-    rise = _rises(site, centre, scatter_m)
+    # Only a search asks for more rays than close bounds take to find.
+    rise = _rises(site, centre, scatter_m, closely=steps == _SCATTERED)
     for array in (index, centre, normal, horizon, weight, rise):
         array.flags.writeable = False
     cells = Cells(east0_m, north0_m, float(cell_size_m), index, centre, normal, horizon, scatter_m, rise, skyline)
@@ -259,12 +260,12 @@ def _hides_m(site: Site) -> float:
     return terrain.surface_hides_m if isinstance(terrain, RasterTerrain) else math.inf
 
 
-def _rises(site: Site, centre: FloatArray, scatter_m: float) -> NDArray[np.float32]:
+def _rises(site: Site, centre: FloatArray, scatter_m: float, *, closely: bool) -> NDArray[np.float32]:
     """Cells at which rays of the sensor may be less steep than the ground somewhere."""
     sight, surface = sight_for_cells(site.scenario.sensor), site.ground.surface
     if len(centre) > _MOST_RISES or sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
         return NO_RISE
-    flattest = 1.0 / widest_tangent(sight)
+    flattest = 1.0 / widest_tangent(sight) if closely else math.inf
     return rises(surface, centre, reach_m=site.scenario.sensor.reach_m + scatter_m, flattest=flattest)
 
 
