@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Cli
-from uavcover.extras.benchmarks.cetsp import read_instances, site_of, tour_length
+from uavcover.extras.benchmarks.cetsp import Instance, read_instances, site_of, tour_length
+from uavcover.kernels import annealing
+from uavcover.model.route import Route
+from uavcover.planner.search.route_problem import route_problem, state_of
 from uavcover.sensing.site_maps import judging_map, planning_map
 
 CENTRES = [(10.0, 0.0), (10.0, 8.0), (0.0, 10.0), (0.1, 9.9)]
@@ -71,6 +74,17 @@ def test_each_target_is_one_cell_where_it_is(data: Path, tmp_path: Path) -> None
     assert apart.max() == pytest.approx(cells.scatter_m)
 
 
+def test_targets_beside_each_other_have_room(tmp_path: Path) -> None:
+    """One place sees a hundred of them, each in a square of its own, far from where it is."""
+    close = np.random.default_rng(1).normal(0.0, 1e-3, (100, 2))
+    centres = np.vstack([np.full(2, 5.0) + close, [[30.0, 0.0], [0.0, 30.0]]])
+    site = site_of(Instance("close", np.zeros(2), centres, 0.5, 1.0), tmp_path)
+    coverage = judging_map(site)
+    problem = route_problem(coverage, margin_m=0.0, reach_m=1.0)
+    route = Route(np.array([[*coverage.grid.cells.centre_m[:100, :2].mean(axis=0), 50.0]]))
+    assert len(annealing.snapshot(state_of(problem, route, capacity=1))) == 1
+
+
 def test_the_command_plans_a_short_tour_keeps_it_and_goes_on(cli: Cli, data: Path, tmp_path: Path) -> None:
     arguments = ("bench", "cetsp", data, "--budget", 3, "--processes", 1, "-o", tmp_path / "out", "--json")
     first, second = cli(*arguments), cli(*arguments)
@@ -85,7 +99,7 @@ def test_the_command_plans_a_short_tour_keeps_it_and_goes_on(cli: Cli, data: Pat
 def test_bad_usage_is_one_line(cli: Cli, data: Path, tmp_path: Path) -> None:
     arguments = ("-o", tmp_path / "out", "--processes", 1)
     assert "no benchmark.json.gz" in cli("bench", "cetsp", tmp_path / "none", *arguments).error
-    assert "'five' not known" in cli("bench", "cetsp", data, "--names", "five", *arguments).error
+    assert "--names: unknown: 'five'" in cli("bench", "cetsp", data, "--names", "five", *arguments).error
     (data / "solutions" / "benchmark" / "four.txt").write_text("value : 32\n0,1\n0 a b\n")
     assert "four.txt: cannot be read" in cli("bench", "cetsp", data, *arguments).error
     (data / "benchmark.json.gz").write_bytes(b"{}")

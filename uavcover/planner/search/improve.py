@@ -27,7 +27,7 @@ from uavcover.planner.search.local_search import (
 )
 from uavcover.planner.search.optimizer_search import Effort, SearchProgress, SearchRun
 from uavcover.planner.search.route_judge import SAFETY, OneAfterTheOther, RouteJudge, share_seen
-from uavcover.planner.search.route_problem import RouteProblem
+from uavcover.planner.search.route_problem import MOST_WAYPOINTS, RouteProblem
 from uavcover.planner.search.search_cells import counted_as_judged, finest_problem, search_problem
 from uavcover.planner.search.simplify import thinned_out
 from uavcover.planner.search.starts import SearchStart, best_starts
@@ -174,13 +174,13 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
     """The feasible routes, with their share of the coverable area."""
     legs = coverage.site.scenario.limits.applies_to == "legs"
     # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
-    longest = settings.capacity if settings.encoding == "waypoints" and not legs else None
+    longest = settings.capacity if settings.encoding == "waypoints" and not legs else MOST_WAYPOINTS
     fewest = 2 if legs else 1
     coverable = max(coverage.share(coverage.coverable), 1e-12)
     return [
         SearchStart(each.route[0], min(1.0, -float(each.objectives[0]) / coverable))
         for each in known
-        if each.violation <= 0.0 and len(each.route[0]) >= fewest and (longest is None or len(each.route[0]) <= longest)
+        if each.violation <= 0.0 and fewest <= len(each.route[0]) <= longest
     ]
 
 

@@ -20,8 +20,8 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import narrowed, sample_spacing_m, trigger_distance_m
 
-_MOST_WAYPOINTS = 60_000
-"""A cell is counted in 16 bits."""
+MOST_WAYPOINTS = 60_000
+"""A longer route is not searched: a cell is counted in 16 bits."""
 
 _LIKELY = 0.5
 
@@ -111,7 +111,8 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
     )
     across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
     # A place may see every other cell of what is in reach. Of a leg, however long, a row has few runs; ragged ones are split.
-    stride = int(0.25 * math.pi * across * across) + 8
+    with_scatter = across + 2.0 * cells.scatter_m / cells.size_m
+    stride = int(0.25 * math.pi * with_scatter * with_scatter) + 8
     if scenario.sensor.looks_along_path:
         stride = max(stride, int(40.0 * across) + 2 * _RUNS_OF_A_ROW * cells.lattice.shape[0])
     return RouteProblem(numbers, reach_m, stride)
@@ -157,7 +158,7 @@ def state_of(problem: RouteProblem, route: Route, *, capacity: int) -> RouteStat
 def _empty(problem: RouteProblem, points: FloatArray, capacity: int) -> RouteState:
     cells = problem.numbers.cells
     state = RouteState.empty(
-        capacity=min(max(capacity, len(points)), _MOST_WAYPOINTS),
+        capacity=min(max(capacity, len(points)), MOST_WAYPOINTS),
         stride=problem.stride,
         squares=cells.lattice.size,
         cells=len(cells.centre_m),
