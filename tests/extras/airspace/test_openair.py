@@ -118,14 +118,14 @@ def test_classes_open_to_all_are_left_out_and_told():
             "AC R\nAN x\nV X=46:00:00 N 007:00:00 E\nDB 46:01:00 N 007:00:00 E, 46:09:00 N 007:00:00 E",
             "from its centre",
         ),
-        ("AC R\nAN x\nDY 46:00:00 N 007:00:00 E", "DY is not read"),
+        ("AC R\nAN x\nDY 46:00:00 N 007:00:00 E", "DY is not supported"),
         ("AC R\nAN x\nhello", "'hello' is not an OpenAir record"),
         (
             "AC R\nAN x\nDP 46:00:00 N 007:00:00 E\nDP 46:01:00 N 007:00:00 E",
             "2 different corners; a zone needs at least 3",
         ),
         (f"AC R\nAN x\nV X=46:00:00 N 007:00:00 E\nDC 1\n{SQUARE}", "both a circle"),
-        ("AC R\nAN x\nV Q=1", "is not read"),
+        ("AC R\nAN x\nV Q=1", "is not supported"),
     ],
 )
 def test_what_cannot_be_understood(text, message):

@@ -89,7 +89,7 @@ def test_the_whole_way(browser: Any, served: Client, cli: Any) -> None:
     page.mouse.up()
     p.until("window.uavcover.state.edit.bad.length > 0")
     assert page.is_disabled("#save-edited")
-    assert "break a limit" in page.inner_text("#edit-state")
+    assert "violate a limit" in page.inner_text("#edit-state")
     page.click("#undo")
     p.until("window.uavcover.state.edit.bad.length === 0")
     page.click("text=Discard changes")
@@ -159,7 +159,7 @@ def test_a_fence_rally_points_and_several_vehicles(browser: Any, served: Client)
     assert page.input_value("#f-position") == "36.47"
     for place in ("36.4712, -84.2170", "36.6, -84.2"):
         page.fill("#f-position", place)
-        page.click("text=Rally point there")
+        page.click("text=Add rally point at this position")
     p.until("document.getElementById('e-rally').textContent.includes('outside')")
     page.click("#undo")
     p.until("window.uavcover.state.draft.rally.length === 1")

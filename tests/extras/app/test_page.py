@@ -182,7 +182,7 @@ def test_a_flight_of_another_program_is_shown_with_battery_link_alarm_and_time_l
     shown = p.page.inner_text("#orders")
     assert line in shown
     assert "?[2J<img src=x onerror=alert(1)> GPS glitch" in shown
-    assert "Another program flies it" in shown
+    assert "Another program controls this flight" in shown
     assert p.page.locator("#orders button").count() == 0
     file.write_text('{"line": ')  # half written
     p.page.wait_for_timeout(500)

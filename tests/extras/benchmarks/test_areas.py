@@ -65,6 +65,6 @@ def test_the_command_plans_keeps_and_goes_on(cli: Cli, data: Path, tmp_path: Pat
 
 def test_bad_usage_is_one_line(cli: Cli, data: Path, tmp_path: Path) -> None:
     assert "no area with mem_inf" in cli("bench", "areas", tmp_path / "none", "-o", tmp_path / "out").error
-    assert "'AC2' not known" in cli("bench", "areas", data, "--names", "AC2", "-o", tmp_path / "out").error
+    assert "--names: unknown: 'AC2'" in cli("bench", "areas", data, "--names", "AC2", "-o", tmp_path / "out").error
     (data / "AC1_0000" / "holes").write_text("10 x\n")
     assert "cannot be read" in cli("bench", "areas", data, "-o", tmp_path / "out", "--processes", 1).error

@@ -37,4 +37,4 @@ def test_bad_times_are_one_line(cli: Cli, tmp_path: Path, times: str) -> None:
 
 def test_bad_usage_is_one_line(cli: Cli) -> None:
     assert "-o/--out: name the folder" in cli("bench", "coverage").error
-    assert "'spiral' not known" in cli("bench", "coverage", "--algorithms", "spiral").error
+    assert "--algorithms: unknown: 'spiral'" in cli("bench", "coverage", "--algorithms", "spiral").error

@@ -52,7 +52,7 @@ def test_the_same_command_again_makes_nothing(cli: Cli, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("--functions", "MMF1,MMF99"), "--functions: 'MMF99' not known; choose from MMF1"),
+        (("--functions", "MMF1,MMF99"), "--functions: unknown: 'MMF99'; choose from MMF1"),
         (("--algorithms", ","), "--algorithms: the name is missing; choose from imodbo"),
         ((), "-o/--out: name the folder"),
     ],

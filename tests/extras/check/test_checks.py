@@ -258,7 +258,7 @@ def test_everything_swapped_or_elsewhere() -> None:
     beside = checked(whole=Mission(GeoPoint(LAT + 1.0, LON, 0.0), OVER))
     assert "outside the elevation data" in beside.findings[0].what
     far = checked(whole=Mission(GeoPoint(-LAT, LON, 0.0), (MissionItem(16, Frame.AMSL, (0.0,) * 4, -LAT, LON, 50.0),)))
-    assert "elsewhere" in far.findings[0].what
+    assert "the mission is outside the elevation data" in far.findings[0].what
 
 
 def test_places_that_nobody_means() -> None:

@@ -156,12 +156,12 @@ def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, told: float) -> Non
     [
         (("nowhere.plan", "--dem", DEM), "no such file"),
         (("m.waypoints",), "--dem"),
-        (("m.docx", "--dem", DEM), "is not read"),
+        (("m.docx", "--dem", DEM), ".docx is not supported"),
         (("fence.waypoints", "--dem", DEM), "no mission"),
         (("empty.waypoints", "--dem", DEM), "no items"),
         (("broken.waypoints", "--dem", DEM), "broken.waypoints"),
         (("m.waypoints", "--dem", "none.tif"), "none.tif: no such file; set --dem"),
-        (("m.waypoints", "--dem", DEM, "--min-height", "130m"), "above --max-height, 120 m"),
+        (("m.waypoints", "--dem", DEM, "--min-height", "130m"), "above --max-height (120 m)"),
         (("m.waypoints", "--dem", DEM, "--vehicle", "bicycle"), "bicycle"),
         (("m.waypoints", "--dem", DEM, "--flies-as", "bird"), "bird"),
         (("m.waypoints", "--dem", DEM, "--autopilot", "me"), "me"),
@@ -210,7 +210,7 @@ def test_a_mission_of_another_place(cli: Cli, tmp_path: Path) -> None:
     file.write_text(file.read_text().replace("\t36.", "\t46."))
     ended = cli("check", file, "--dem", DEM)
     assert ended.code == 1
-    assert "elsewhere" in ended.out
+    assert "the mission is outside the elevation data" in ended.out
 
 
 @pytest.mark.parametrize("name", ["m.waypoints", "m.plan"])

@@ -76,8 +76,8 @@ def test_speed_gimbal_and_pictures_hold_in_each_part() -> None:
         (lambda items: (*items[:5], dataclasses.replace(items[5], command=82), *items[6:]), "command 82"),
         (lambda items: (*items, up(50.0)), "take-offs"),
         (lambda items: items[1:], "take-offs"),
-        (lambda items: (*items, way(0.0, 0.0, 50.0)), "after the end"),
-        (lambda items: (*items[:-1], item(Command.NAV_LAND, 500.0, 0.0, 0.0)), "elsewhere"),
+        (lambda items: (*items, way(0.0, 0.0, 50.0)), "follows the end"),
+        (lambda items: (*items[:-1], item(Command.NAV_LAND, 500.0, 0.0, 0.0)), "does not land at home"),
         (lambda items: (items[0], items[-1]), "no waypoint"),
     ],
 )
@@ -88,7 +88,7 @@ def test_what_is_not_plain_is_refused(change, telling: str) -> None:
 
 
 def test_no_room_and_wings_are_refused() -> None:
-    with pytest.raises(InputError, match="no room"):
+    with pytest.raises(InputError, match="9 items are not enough"):
         parts_of(survey(home()), world(), LIMITS, HIGH, most_items=9)
     with pytest.raises(InputError, match="runway"):
         parts_of(survey(home()), world(), LIMITS, PLANE, most_items=16)

@@ -133,7 +133,10 @@ def test_an_aircraft_that_is_none(cli: Cli, planned: Path, tmp_path: Path, befor
             ["--format", "print", "-o", "x.pdf"],
             "-o: x.pdf: print writes an HTML page; use the suffix .html, and save it as PDF",
         ),
-        (["--format", "gpx", "-o", "x.gpx", "--contact", "me"], "--contact: requires --format print, not gpx"),
+        (
+            ["--format", "gpx", "-o", "x.gpx", "--contact", "me"],
+            "--contact: this option requires --format print, not gpx",
+        ),
         (["--format", "litchi"], "specify a run folder, --format and -o"),
     ],
 )

@@ -266,7 +266,7 @@ def test_without_a_place_or_a_home_there_is_no_flight(on_earth: bool, home: Any,
 
 def test_an_aircraft_that_is_too_slow_is_told() -> None:
     site = make_site(flat, vehicle={"cruise_speed_m_s": 16.0})
-    with pytest.raises(FormatError, match="16 m/s, the DJI Mavic 3E flies 15 at most"):
+    with pytest.raises(FormatError, match="16 m/s; the DJI Mavic 3E flies at most 15"):
         flight_files(site, there_and_back(site), request())
 
 

@@ -248,7 +248,7 @@ def test_the_plan_is_for_another_number_of_vehicles(planned: RunFolder, tmp_path
         planned_jobs(run, 2)
     document["sorties"][0]["takeoff_s"] = None
     run.file("plan.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"plan.json: sorties is none \(TypeError"):
+    with pytest.raises(InputError, match=r"plan.json: sorties is not valid \(TypeError"):
         planned_jobs(run, 2)
 
 

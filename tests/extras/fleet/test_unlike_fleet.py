@@ -195,7 +195,7 @@ def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: 
         fly(run, Hangar(2, make), user, on_loss=OnLoss.GAPS)
     told = failed.value.details()
     assert len(told["left"]) == 1
-    assert any("planning a separate mission for the remaining lost vehicle" in line for line in user.lines)
+    assert any("planning a separate mission for the remaining route of the lost vehicle" in line for line in user.lines)
     gaps = RunFolder(run.path / "gaps")
     assert told["gaps"]["gaps"] > 0
     site, mission = read_planned(gaps)
@@ -250,7 +250,7 @@ def test_a_vehicle_that_reaches_nothing_stays_on_the_ground(tmp_path: Path) -> N
     run = plan_for(tmp_path / "run", site, route)
     assert {each.vehicle for each in planned_jobs(run, 3)} == {1, 3}
     assert [row.vehicle for row in first_sorties(run, 3)] == [1, 3]
-    with pytest.raises(InputError, match=r"is flown by 3 vehicles, and --to names 2"):
+    with pytest.raises(InputError, match=r"the plan is for 3 vehicles, but --to names 2"):
         planned_jobs(run, 2)
     with pytest.raises(InputError, match=r"the 3 vehicles differ, but --to names 2; specify the link of each"):
         first_sorties(run, 2)

@@ -49,7 +49,9 @@ def test_parts_that_fit_stay_as_they_are() -> None:
 
 
 def test_a_number_that_was_asked_for_is_refused_with_one_that_would_do() -> None:
-    with pytest.raises(InputError, match=r"--memory: 2 parts take about .* MiB; --parts (\d+) would do") as error:
+    with pytest.raises(
+        InputError, match=r"--memory: 2 parts take about .* MiB; use --parts \d+ or --parts auto"
+    ) as error:
         within(600 * MIB, parts=2, given=True)
     enough = int(str(error.value).split("--parts ")[1].split()[0])
     assert NEED.total(enough, 1) <= 600 * MIB < NEED.total(enough - 1, 1)
@@ -102,7 +104,7 @@ def test_elevation_data_is_counted_once_where_workers_map_it(site: Site, monkeyp
 
 def test_workers_elsewhere_have_a_memory_of_their_own(site: Site) -> None:
     request = SearchRequest(memory_bytes=GIB, scheduler="tcp://127.0.0.1:1", parts=2)
-    with pytest.raises(InputError, match=r"--memory: limits this machine.*dask worker --memory-limit"):
+    with pytest.raises(InputError, match=r"--memory: this limits only this machine.*dask worker --memory-limit"):
         plan(site, request)
 
 

@@ -292,7 +292,7 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
     [
         ((), "specify either --area"),
         (("--area", AREA, "--scenario", "x.toml"), "specify either --area"),
-        (("--scenario", "jacksboro", "--gsd", "2cm"), "--gsd belongs to --area"),
+        (("--scenario", "jacksboro", "--gsd", "2cm"), "--gsd requires --area"),
         (("--area", AREA), "--dem"),
         (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 must be above 0"),
         (("--area", AREA, "--dem", DEM, "--angle-error", "-1"), "--angle-error"),
@@ -300,7 +300,7 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no photo was taken with the camera"),
         (("--area", "46.0,8.0,60", "--dem", DEM), "46"),
         (("--area", AREA, "--dem", DEM, "--max-blur", "0"), "--max-blur: 0 is out of range"),
-        (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: needs --detection"),
+        (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: this option requires --detection"),
         (("--area", AREA, "--dem", DEM, "--pod", "80", "--detection", "person"), "--pod: 80 is not a probability"),
         (("--area", AREA, "--dem", DEM, "--pod", "nan", "--detection", "person"), "--pod: nan is not a probability"),
         (("--area", AREA, "--dem", DEM, "--detection", "dog"), "--detection: 'dog' is not known"),
@@ -348,7 +348,7 @@ def test_swapped_axes_are_asked_about(cli, tmp_path, gsd):
 
 FAULTS = {
     "another lens": ({"film_mm": 162, "focal_mm": 29.9}, "has the field of view of 162 mm on 35 mm film"),
-    "a crop": ({"pixels": (5280, 1500)}, "5280 x 1500 pixels: cropped"),
+    "a crop": ({"pixels": (5280, 1500)}, "5280 x 1500 pixels: the photo is cropped"),
     "another camera": ({"pixels": (4000, 3000)}, "4000 x 3000 pixels: the photo is from a different camera"),
 }
 

@@ -58,7 +58,7 @@ def test_no_gap_is_an_empty_layer_and_no_file_is_replaced(tmp_path, verdict):  #
 
 
 def test_without_the_extra_and_with_another_name_it_is_one_line(tmp_path, verdict, monkeypatch):  # noqa: F811
-    with pytest.raises(InputError, match=r"ends with \.gpkg"):
+    with pytest.raises(InputError, match=r"must end in \.gpkg"):
         write_geopackage(verdict, tmp_path / "verdict.json", Unattended(), force=False)
     real = builtins.__import__
 

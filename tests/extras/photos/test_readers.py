@@ -158,7 +158,7 @@ BAD = {
     "e.csv": ("name,lat,lon,alt\nx,8 deg 1' 1\" E,2,3\n", "line 2: lat_deg: "),
     "f.csv": ("name,lat,lon,alt\nx,1,5,2,5,3\n", "line 2: 6 cells, but the header has 4 .*decimal points"),
     "g.csv": ("name;lat;lon;alt\nx;1,5;2.5;3\n", "numbers with commas .* and with points"),
-    "a.jpg": ("not a picture", "is not a photo"),
+    "a.jpg": ("not a picture", "the photo cannot be read"),
     "a.raw": ("x", "neither a photo nor a list"),
 }
 
@@ -222,11 +222,11 @@ def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
     assert (why["0.jpg"], why["3.jpg"], why["padded.jpg"]) == (None, None, None)
     assert why["1.jpg"] == "the file is truncated; copy it from the card again"
     assert why["2.jpg"].startswith("the photo cannot be read")
-    with pytest.raises(TrackError, match="is not a photo"):
+    with pytest.raises(TrackError, match="the photo cannot be read"):
         read_pictures([tmp_path / "2.jpg"])
     for name in ("0.jpg", "1.jpg", "3.jpg", "padded.jpg"):
         (tmp_path / name).unlink()
-    with pytest.raises(TrackError, match=r"2\.jpg: is not a photo"):
+    with pytest.raises(TrackError, match=r"2\.jpg: the photo cannot be read"):
         read_pictures([tmp_path])
 
 
@@ -406,4 +406,4 @@ def test_two_vehicles_of_one_model_have_clocks_of_their_own(tmp_path):
         write_jpeg(tmp_path / f"{number}.jpg", place=(1.0, 2.0 + number), time=f"2026:05:04 10:11:{second}", xmp=told)
     found = read_pictures([tmp_path])
     assert [picture.name for picture in found.pictures] == ["0.jpg", "2.jpg", "1.jpg", "3.jpg"]
-    assert "of 2 clocks (the clock of DJI M3E SN0, the clock of DJI M3E SN1)" in found.notes[0]
+    assert "times come from 2 clocks (the clock of DJI M3E SN0, the clock of DJI M3E SN1)" in found.notes[0]

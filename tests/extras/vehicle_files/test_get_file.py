@@ -69,9 +69,7 @@ def test_the_file_of_a_mission_becomes_waypoints(cli: Cli, tmp_path: Path) -> No
     assert [(item.command, item.lat_deg, item.alt_m) for item in mission.items] == [(22, 0.0, 40.0), (16, far, 60.0)]
 
 
-@pytest.mark.parametrize(
-    ("autopilot", "telling"), [("ardupilot", ""), ("px4", "PX4 does not provide its lists as files")]
-)
+@pytest.mark.parametrize(("autopilot", "telling"), [("ardupilot", ""), ("px4", "PX4 does not accept lists as files")])
 def test_the_command_says_which_way_it_went(cli: Cli, tmp_path: Path, autopilot: str, telling: str) -> None:
     file = tmp_path / "m.waypoints"
     home, above = GeoPoint(36.48, -84.22, 500.0), Frame.ABOVE_HOME

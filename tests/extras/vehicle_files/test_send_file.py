@@ -18,7 +18,11 @@ def test_files_are_sent_and_compared(cli: Cli, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("names", "telling"),
-    [(["nowhere.DAT"], "nowhere.DAT: cannot be read"), (["a/x", "b/x"], "the same name"), (["."], "cannot be read")],
+    [
+        (["nowhere.DAT"], "nowhere.DAT: the file cannot be read"),
+        (["a/x", "b/x"], "the same name"),
+        (["."], "cannot be read"),
+    ],
 )
 def test_bad_input_is_one_line(cli: Cli, tmp_path: Path, names: list[str], telling: str) -> None:
     for name in names:
