@@ -24,7 +24,7 @@ def send_command(connection: Connection, command: int, params: tuple[float, ...]
         VehicleSilentError: no final answer within ``timeout_s`` seconds.
     """
     if len(params) > 7:
-        raise MisuseError(f"command {name_of(command)} with {len(params)} parameters; a command has seven")
+        raise MisuseError(f"command {name_of(command)} has {len(params)} parameters; the maximum is 7")
     p1, p2, p3, p4, p5, p6, p7 = (*params, *(0.0,) * (7 - len(params)))
     to = connection.vehicle
 

@@ -53,10 +53,10 @@ def set_current(connection: Connection, seq: int, *, timeout_s: float = 5.0) -> 
             f"vehicle {vehicle.system_id} answered {name} for item {seq} with {result}",
             command=Command.DO_SET_MISSION_CURRENT, result=machine.refused, result_name=result,
         )  # fmt: skip
-    what = "accepted it" if machine.accepted else "did not answer"
-    now_at = "" if machine.current is None else f" and reports item {machine.current.seq}"
+    what = "accepted the command" if machine.accepted else "did not answer"
+    now_at = "" if machine.current is None else f" but reports item {machine.current.seq}"
     raise VehicleSilentError(
-        f"item {seq} is not the current one: vehicle {vehicle.system_id} {what}{now_at}{connection.signing_advice()}"
+        f"item {seq} did not become the current item: vehicle {vehicle.system_id} {what}{now_at}{connection.signing_advice()}"
     )
 
 

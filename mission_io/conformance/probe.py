@@ -236,7 +236,7 @@ class Probe:
         try:
             items = self.client.download(mission_type)
         except (TransferError, FormatError) as error:
-            raise FailedError(f"its {LIST_NAMES[mission_type]} cannot be read: {error}") from None
+            raise FailedError(f"the vehicle's {LIST_NAMES[mission_type]} cannot be read: {error}") from None
         self.forget()
         return items
 

@@ -142,7 +142,7 @@ class _Reader:
         if action.hold_s or action.acceptance_radius_m or action.pass_radius_m:
             raise FormatError("a waypoint with a hold time or a radius cannot be converted", where=where)
         if action.heading_deg is not None and not math.isfinite(action.heading_deg):
-            raise FormatError("its heading is not a number", where=where)
+            raise FormatError("the heading is not a number", where=where)
         self._own_heading_deg = None if action.heading_deg is None else action.heading_deg % 360.0
         self._add(action.place, where)
 

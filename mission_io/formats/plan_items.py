@@ -231,7 +231,7 @@ def read_complex(node: Node) -> tuple[MissionItem, ...] | None:
 def _simple(node: Node) -> Node:
     kind = node.get("type").value
     if kind != "SimpleItem":
-        raise FormatError("a complex item within a complex item", where=node.where, advice="save the plan again")
+        raise FormatError("nested complex items are not supported", where=node.where, advice="save the plan again")
     return node
 
 

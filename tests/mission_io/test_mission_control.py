@@ -134,7 +134,8 @@ def test_accepted_and_not_done_is_said() -> None:
     peer = Reports()
     peer.works = False
     with pytest.raises(
-        VehicleSilentError, match="item 5 is not the current one: vehicle 1 accepted it and reports item 2"
+        VehicleSilentError,
+        match="item 5 did not become the current item: vehicle 1 accepted the command but reports item 2",
     ):
         connected(peer).set_current(5)
     peer.answer = CommandResult.DENIED

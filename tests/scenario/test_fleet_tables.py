@@ -69,7 +69,7 @@ def test_launch_points_are_places_of_one_vehicle_that_flies_one_flight_at_a_time
         ("[launch_point]\nlat_deg = 36.4\n", "launch_point: write [[launch_point]] with lat_deg and lon_deg once"),
         (
             2 * "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n",
-            "launch_point.1: this repeats an earlier position",
+            "launch_point.1: this duplicates an earlier position",
         ),
         (
             "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\nvehicles = 2\n",

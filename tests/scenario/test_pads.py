@@ -91,7 +91,7 @@ def test_another_distance() -> None:
     assert 30.0 < nearest_m < 30.02
     text = refusal(fleet_of(make_site(), 7, pad_spacing_m=30.0))
     assert "fleet.pad_spacing_m: 30 is below" in text
-    assert "= 46; give more, lower max_home_error_m" in text
+    assert "= 46; use a larger value, lower max_home_error_m" in text
 
 
 BESIDE = ((-150.0, 70.0), (-50.0, 70.0), (-50.0, 300.0), (-150.0, 300.0))

@@ -39,7 +39,7 @@ def upload(
         bool,
         typer.Option(
             "--as-file",
-            help="Upload the list as one file with MAVLink FTP (ArduPilot). If this fails, upload it item by item.",
+            help="Upload the list as one file over MAVLink FTP (ArduPilot). If this fails, upload it item by item.",
         ),
     ] = False,
     output: options.Output,
@@ -166,7 +166,9 @@ def plan_upload(
     )
     links = vehicle.links_at(places, client=vehicle.client, link=vehicle.link)
     if len(links) > 1 and sortie is not None:
-        raise InputError("--sortie: with several --to, each vehicle gets its own first sortie; omit the option")
+        raise InputError(
+            "--sortie cannot be combined with more than one --to: each vehicle gets its own first sortie; remove --sortie"
+        )
     console = output.console()
     if is_run:
         if unused := planning.given():

@@ -76,7 +76,7 @@ class SpaceReserve:
                 ) from None
             if shutil.disk_usage(folder).free < size_bytes:
                 raise OutputError(
-                    f"{folder}: {size_bytes / 1e6:.0f} MB for the record of the flight cannot be reserved ({error.strerror})"
+                    f"{folder}: cannot reserve {size_bytes / 1e6:.0f} MB for the flight record ({error.strerror})"
                 ) from None
 
     @property

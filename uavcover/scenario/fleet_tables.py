@@ -84,7 +84,9 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     homes = [home, *points]
     for number, point in enumerate(homes):
         if point in homes[:number]:
-            raise ScenarioError(f"{source}: {LAUNCH_POINTS}.{number - 1}: this repeats an earlier position; omit it")
+            raise ScenarioError(
+                f"{source}: {LAUNCH_POINTS}.{number - 1}: this duplicates an earlier position; remove it"
+            )
     others = {key: value for key, value in raw.items() if key != LAUNCH_POINTS}
     return others | {
         "vehicle": [{**vehicle, "home": place} for place in homes],

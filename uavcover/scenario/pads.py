@@ -47,7 +47,7 @@ def on_pads(site: Site) -> Site:
     if spacing_m < least_m:
         raise ScenarioError(
             f"fleet.pad_spacing_m: {spacing_m:g} is below separation_m + 2 path_error_m + 2 limits.max_home_error_m = "
-            f"{least_m:g}; give more, lower max_home_error_m, or give 0 for one home"
+            f"{least_m:g}; use a larger value, lower max_home_error_m, or use 0 for one home"
         )
     places, objection = [home[:2]], ""
     for place_en, axes in _candidates(site, home[:2], spacing_m + _ROUNDING_M):
@@ -64,7 +64,7 @@ def on_pads(site: Site) -> Site:
     if len(homes) < fleet.vehicles:
         raise ScenarioError(
             f"fleet.vehicles: beside [home] there is room for {len(homes)} of {fleet.vehicles} pads, "
-            f"{spacing_m:g} m apart ({objection}); move [home], give each [[vehicle]] its home, or set "
+            f"{spacing_m:g} m apart ({objection}); move [home], write a home for each [[vehicle]], or set "
             "fleet.pad_spacing_m = 0: all take off from [home], one after the other"
         )
     # One link leads to one vehicle: those of the others are given with --to.

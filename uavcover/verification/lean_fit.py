@@ -17,7 +17,7 @@ from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
 from uavcover.verification.tuning import LEAN
 
 LEAST_ACCELERATION_OF_LEAN, MOST_ACCELERATION_OF_LEAN = 0.5, 1.4
-"""Acceleration of the track in that of the lean. Simulated autopilots: 0.8 to 1.0, in gusts 0.5, reversed in time 0.3."""
+"""Acceleration of the track in that of the lean. Simulated autopilots: 0.8 to 1.0, 0.5 in gusts, 0.3 if reversed in time."""
 LEAST_LEAN_OF_ACCELERATION, MOST_LEAN_OF_ACCELERATION = 0.25, 1.4
 """The same the other way round."""
 _BLOCK = 50_000

@@ -136,7 +136,7 @@ def test_what_cannot_be_flown_is_kept_but_not_read_for_flying() -> None:
     assert json.loads(plan.write(plan.read_to_keep(text))) == json.loads(text)
     nested = copy.deepcopy(SURVEY)
     nested["TransectStyleComplexItem"]["Items"].append(STRUCTURE)  # type: ignore[index]
-    with pytest.raises(FormatError, match=r"Items\[3\]: a complex item within"):
+    with pytest.raises(FormatError, match=r"Items\[3\]: nested complex items"):
         plan.read(json.dumps(document(nested)))
 
 

@@ -177,7 +177,7 @@ def test_bad_text(tmp_path, source, words):
         ({"feature": "zzz"}, "the file has no feature 'zzz'; the names are: north"),
         ({"feature": "2"}, "has no feature 2; it has 1, counted from 1"),
         ({"layer": "a"}, "no feature has a name"),
-        ({"crs": "EPSG:none"}, "--crs: 'EPSG:none' is not a coordinate system; write it as EPSG:32632"),
+        ({"crs": "EPSG:none"}, "--crs: 'EPSG:none' is not a known coordinate system; use a code such as EPSG:32632"),
         ({"crs": "EPSG:2056"}, "square metres; if its coordinates use another coordinate system"),
         ({"crs": "EPSG:5773"}, "not a coordinate system on Earth"),
     ],

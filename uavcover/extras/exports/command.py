@@ -207,7 +207,7 @@ def _aircraft(row: dict[str, Any], *, where: str) -> DjiAircraft:
         raise InputError(f"{where}: image_format: {unknown[0]!r} is not one of {', '.join(IMAGE_FORMATS)}")
     low_deg, high_deg = (_number(value, "pitch_range_deg", where) for value in _two(row, "pitch_range_deg", where))
     if not -180.0 <= low_deg < high_deg <= 180.0:
-        raise InputError(f"{where}: pitch_range_deg: write the lowest angle, then the highest, such as [-90, 30]")
+        raise InputError(f"{where}: pitch_range_deg: write the lower angle first, such as [-90, 30]")
     kind, subkind = (_whole(value, "drone", where) for value in _two(row, "drone", where))
     speed_m_s = number_of(row, "max_speed_m_s", where=where)
     return DjiAircraft(

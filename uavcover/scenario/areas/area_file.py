@@ -106,7 +106,9 @@ def _system(document: AreaDocument, query: AreaQuery) -> CRS:
         try:
             return _on_earth(CRS.from_user_input(query.crs), "--crs")
         except CRSError as error:
-            raise InputError(f"--crs: {query.crs!r} is not a coordinate system; write it as EPSG:32632") from error
+            raise InputError(
+                f"--crs: {query.crs!r} is not a known coordinate system; use a code such as EPSG:32632"
+            ) from error
     if document.crs is None:
         raise InputError(
             f"{document.source}: the file does not state its coordinate system (a Shapefile has it in a .prj file "
