@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from scipy.optimize import linear_sum_assignment
 
 from uavcover.errors import InfeasibleError
 from uavcover.missions.fleet_schedule import schedule
@@ -187,6 +186,8 @@ def _divided(site: Site, shares: Sequence[float]) -> tuple[Site, tuple[int, ...]
     if len(pieces) < len(sites):
         return None
     middles = np.array([[piece.centroid.x, piece.centroid.y] for piece in pieces])
+    from scipy.optimize import linear_sum_assignment  # a tenth of a second to load
+
     _, piece_of = linear_sum_assignment(np.hypot(*(homes[:, None] - middles[None]).transpose(2, 0, 1)))
     vehicles = tuple(
         replace(vehicle, area=_outline(pieces[k])) for vehicle, k in zip(site.scenario.vehicles, piece_of, strict=True)
