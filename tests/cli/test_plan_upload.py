@@ -134,7 +134,7 @@ def test_several_vehicles_of_a_plan_for_one(cli: Cli, planned: Path) -> None:
     )
     ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:", "--sortie", 1)
     assert ended.code == 2
-    assert "--sortie: with several --to" in ended.error
+    assert "--sortie cannot be combined with more than one --to" in ended.error
 
 
 def test_several_vehicles_are_planned_for_and_uploaded_to(cli: Cli, tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def test_an_aircraft_of_ones_own(cli: Cli, planned: Path, tmp_path: Path) -> Non
         ("payload = 66\n", "", "payload: the key is missing"),
         ("payload = 66", "payloads = 66", "payloads: unknown key"),
         ('"wide,zoom"', '"wide,<b>"', "image_format: '<b>' is not one of"),
-        ("[-90, 35]", "[35, -90]", "pitch_range_deg: write the lowest angle"),
+        ("[-90, 35]", "[35, -90]", "pitch_range_deg: write the lower angle"),
         ("[-90, 35]", '["a", 3]', "pitch_range_deg: 'a' is not a number"),
         ("max_speed_m_s = 15", "max_speed_m_s = 0", "max_speed_m_s: 0 is not a number above 0"),
     ],

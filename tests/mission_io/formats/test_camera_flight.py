@@ -133,7 +133,7 @@ def change(item: MissionItem, number: int, value: float) -> MissionItem:
         ((change(at(100), 1, 3.0),), "item 3: a waypoint with a hold time or a radius cannot be converted"),
         ((change(at(100), 2, 3.0),), "item 3: a waypoint with a hold time or a radius"),
         ((change(at(100), 3, -3.0),), "item 3: a waypoint with"),
-        ((change(at(100), 4, math.inf),), "item 3: its heading"),
+        ((change(at(100), 4, math.inf),), "item 3: the heading"),
         ((replace(at(100), autocontinue=False),), "item 3: it waits for the pilot"),
         ((replace(at(100), frame=Frame.ABOVE_TERRAIN),), "item 3: its height is above the terrain"),
         ((replace(at(100), alt_m=math.nan),), "item 3: its height is not finite"),
