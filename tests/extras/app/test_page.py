@@ -253,7 +253,9 @@ def test_maps_of_the_user_are_the_background(browser: Any, served: Client) -> No
     for name in ("map.mbtiles", "photo.tif"):
         if name == "photo.tif":
             p.page.evaluate("() => window.uavcover.map.map.jumpTo({ zoom: 11 })")
-        p.page.select_option("#tools select[aria-label='Background']", name)
+        # The layer of the file before stands until the first tile of this one is asked for.
+        with p.page.expect_response(lambda answer, asked=f"file={name}": asked in answer.url):
+            p.page.select_option("#tools select[aria-label='Background']", name)
         p.until("window.uavcover.map.map.getLayer('background') && window.uavcover.map.map.areTilesLoaded()")
         assert (f"file={name}", 200) in answers
     order = p.page.evaluate("() => window.uavcover.map.map.getStyle().layers.map((layer) => layer.id)")
