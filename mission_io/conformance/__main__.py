@@ -218,7 +218,7 @@ def serve(link: Link, vehicle: FakeVehicle, *, stopped: Callable[[], bool]) -> N
 
 def judge_client(
     case: ClientCase,  # the case
-    call: Callable[[Client], None],  # begins what the case is about; an error of mission_io is what it tells its user
+    call: Callable[[Client], None],  # begins what the case is about; its user sees an error of mission_io
     *,
     wrap: Callable[[Link], Link] = lambda link: link,  # puts something between the client and the vehicle
     timing: Timing | None = None,  # of the client

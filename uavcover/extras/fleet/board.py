@@ -16,7 +16,7 @@ class VehicleRow:
     does: str = "waits"  # what it does
     waypoint: int = 0  # planned waypoint that it flies to
     waypoints: int = 0  # how many its sortie has
-    late_s: float | None = None  # behind the plan by so much; none on the ground
+    late_s: float | None = None  # seconds behind the plan; none on the ground
     nearest: float | None = None  # distance of the nearest other vehicle in the air, metres; none without one
 
 

@@ -150,7 +150,7 @@ def search_goal(
     # factor of the price of coverage where the beginning is closed and nearly everything is to be seen
     price_factor: float | None = None,
     coverage_price: float | None = None,  # of all coverage, in lengths of the route, where it is higher than by default
-    most_short: float = 1.0,  # by so much the first stage may miss the goal; by more, and the search ends there
+    most_short: float = 1.0,  # the first stage may miss the goal by this share; by more, and the search ends there
     # share of all the work until which further, short stages may follow while they get nearer to the goal
     later: float = 0.0,
 ) -> list[SearchStart]:
