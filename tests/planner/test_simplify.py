@@ -17,7 +17,7 @@ from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera, SphereSensor
 from uavcover.planner.search.route_judge import SAFETY
 from uavcover.planner.search.route_problem import route_problem, state_of
-from uavcover.planner.search.simplify import simplified, thinned_out
+from uavcover.planner.search.simplify import simplified
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.site_maps import judging_maps, planning_map
@@ -98,21 +98,6 @@ def test_a_waypoint_that_clears_a_ridge_stays() -> None:
     higher = simpler.waypoints_m[simpler.waypoints_m[:, 2] > 95.0]
     assert len(higher) >= 3, "one for each time that the route crosses the ridge"
     assert np.abs(higher[:, 0] - 150.0).max() < 60.0
-
-
-def test_a_search_begins_with_fewer_waypoints_and_its_goal() -> None:
-    site = make_site(hills, limits=LIMITS)
-    coverage = planning_map(site)
-    problem = route_problem(coverage, margin_m=0.0, reach_m=56.0)
-    route = lines(site, every_m=10.0)
-    thin = thinned_out(problem, route, goal=0.9)
-    assert len(thin) < 0.5 * len(route)
-    assert state_of(problem, thin, capacity=len(thin)).seen[0] >= 0.9
-    # Below the goal nothing may be lost.
-    seen = [
-        float(state_of(problem, each, capacity=200).seen[0]) for each in (route, thinned_out(problem, route, goal=1.0))
-    ]
-    assert seen[1] >= seen[0] - 1e-9
 
 
 def test_a_long_leg_has_room_and_needs_no_waypoint_between() -> None:

@@ -48,7 +48,7 @@ class Shares:
         goal_stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
         goal_closing: a search that ends a little short of its goal goes on from its route with the gaps closed, ...
         goal_closing_far: ... and one that ends far from it: there nothing else leads to it.
-        goal_whole: of a search for nearly all of the ground from a route that sees it, before the finest cells are searched.
+        goal_coarse: of a search for nearly all of the ground, before the finest cells are searched.
         goal_waypoints: for searches for fewer waypoints, ...
         goal_waypoint_stages: ... and the stages of each.
         free_tours: of a search in any order, for shortest tours, once something sees as much as they are to see; ...
@@ -82,7 +82,7 @@ class Shares:
     goal_stages: tuple[float, ...] = (0.5, 0.85, 1.0)
     goal_closing: float = 0.15
     goal_closing_far: float = 0.3
-    goal_whole: float = 0.5
+    goal_coarse: float = 0.5
     goal_waypoints: float = 0.15
     goal_waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
     free_tours: float = 0.4

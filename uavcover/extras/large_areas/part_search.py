@@ -211,4 +211,4 @@ def _straight(part: Site, goal: float) -> list[Route]:
 
 def _merit(baseline: Baseline, asked: float) -> float:
     """Cost, with a penalty for missing coverage."""
-    return TUNED.goal.start_cost(float(baseline.objectives[2]), asked + float(baseline.objectives[0]))
+    return TUNED.goal.start_cost(float(baseline.objectives[2]), -float(baseline.objectives[0]), asked)

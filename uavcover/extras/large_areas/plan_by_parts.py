@@ -138,7 +138,7 @@ def _lines(site: Site, coarse: CoverageMap, goal: float, layouts: Sequence[Swath
     for layout in layouts:
         route_m = fly_tight(site, layout, bent).waypoints_m
         seen = coarse.share_of_coverable(coarse.seen(route_m))
-        merit = TUNED.goal.start_cost(float(route_cost(surface, way, route_m)), goal - seen)
+        merit = TUNED.goal.start_cost(float(route_cost(surface, way, route_m)), seen, goal)
         broken = measure_violations(site, route_m, margin_m=margin_m).total > 0.0
         found.append(_Lines(layout, bent, seen, math.inf if broken else merit))
     return found

@@ -53,7 +53,7 @@ def closed_end(
     Where nearly full coverage is required, gaps are expensive: then the ends of all stages are tried, and the cheapest counts.
 
     Returns:
-        None where an end reaches the goal, or none could be closed.
+        None where an end reaches the goal at no higher cost, or none could be closed.
     """
 
     def is_over() -> bool:
@@ -61,20 +61,25 @@ def closed_end(
 
     if not found or work.stopped or is_over():
         return None
-    tuned = work.tuning.goal
-    ends: list[SearchStart] = []
-    ends_of_stages = list(reversed(found if goal > tuned.nearly_all else found[-1:]))
-    near = sorted(found, key=lambda each: -judge.coverage(each.route, goal))[:least_short] if least_short else []
-    for each in dict.fromkeys([*near, *ends_of_stages]):
+    tuned, cost = work.tuning.goal, work.problem.cost
+    nearly = goal > tuned.nearly_all
+    ends = found if nearly or least_short else found[-1:]
+    short = {each: goal - judge.coverage(each.route, goal) for each in ends}
+    if not nearly:
+        near = sorted(short, key=short.__getitem__)[:least_short]
+        short = {each: short[each] for each in dict.fromkeys([*near, found[-1]])}
+    if min(short.values()) <= 0.0 and not nearly:
+        return None
+    best, least = None, min((cost(each.route) for each, lacking in short.items() if lacking <= 0.0), default=math.inf)
+    for each, lacking in sorted(short.items(), key=lambda item: item[1]):
         if is_over():
             break
-        short = goal - judge.coverage(each.route, goal)
-        if short <= 0.0:
-            return None
-        closed = judge.closed(each.route, goal + SAFETY, is_over) if short <= tuned.most_short else None
-        if closed is not None:
-            ends.append(SearchStart(closed, each.seen + short))
-    return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
+        if not 0.0 < lacking <= tuned.most_short or cost(each.route) >= least:
+            continue
+        closed = judge.closed(each.route, goal + SAFETY, is_over)
+        if closed is not None and cost(closed) < least:
+            best, least = SearchStart(closed, each.seen + lacking), cost(closed)
+    return best
 
 
 def closed_beginning(

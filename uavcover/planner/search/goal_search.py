@@ -3,6 +3,7 @@
 For few waypoints, the price of a waypoint rises step by step, at the cost of a longer path.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -18,6 +19,8 @@ from uavcover.planner.search.starts import SearchStart, best_starts
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 """Goals besides the required coverage, so that there is a choice."""
+
+_PHOTO_ROUNDS = 3
 
 _ROUNDING = 1e-9
 
@@ -40,24 +43,24 @@ def search_goals(
     goals: Sequence[float] = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
     main = 0.0 if asked is None else tuned.main_share
     known = list(starts)
-    whole = None if asked is None else _whole_beginning(work, starts, asked, judge)
-    if asked is not None and whole is not None:
-        # From less the search would have to find what it has here already.
-        main += tuned.closing_share
+    if asked is not None:
         end = begin + main * (until - begin)
-        judge.found(whole.route)
-        known += _search_whole(work, whole, asked, capacity, (begin, end), judge)
-    elif asked is not None:
-        end = begin + main * (until - begin)
+        finest = asked > tuned.nearly_all and work.finest is not None and not work.problem.free_order
+        middle = begin + (tuned.coarse_share if finest else 1.0) * (end - begin)
+        # What the search's cells lack of nearly all they cannot show: their price would only drive the route into detours.
+        stages = (1.0,) if finest and work.problem.numbers.trigger_m == 0.0 else tuned.main_stages
         found = search_goal(
-            work, known, asked, capacity, (begin, end), tuned.main_stages, judge,
-            most_short=tuned.most_short_at_first, later=end + tuned.closing_share * (until - begin),
+            work, known, asked, capacity, (begin, middle), stages, judge,
+            most_short=tuned.most_short_at_first, later=0.0 if finest else end + tuned.closing_share * (until - begin),
         )  # fmt: skip
-        with_closing = min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
+        if finest:
+            found += _on_finest_cells(work, found, asked, capacity, (middle, end), judge)
+        closing = tuned.closing_share_far if finest else tuned.closing_share
+        with_closing = min(work.pace.fraction, end) + closing * (until - begin)
         closed = closed_end(work, found, asked, judge, until=with_closing)
         from_beginning = closed is None
         if closed is None:
-            with_closing += (tuned.closing_share_far - tuned.closing_share) * (until - begin)
+            with_closing += (tuned.closing_share_far - closing) * (until - begin)
             closed = closed_beginning(work, starts, found, asked, judge, until=with_closing, at_last=until)
         # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is high anyway.
         price = None
@@ -70,9 +73,12 @@ def search_goals(
             main += tuned.closing_share
             after, end = min(work.pace.fraction, end), begin + main * (until - begin)
             stages = tuned.main_stages if from_beginning else tuned.stages
-            again = search_goal(
-                work, [closed], asked, capacity, (after, end), stages, judge, closed=True, coverage_price=price
-            )
+            if finest:
+                again = _on_finest_cells(work, [closed], asked, capacity, (after, end), judge)
+            else:
+                again = search_goal(
+                    work, [closed], asked, capacity, (after, end), stages, judge, closed=True, coverage_price=price
+                )
             known += again
             # Cells of the search may see all where those that judge lack a few.
             last = closed_end(
@@ -95,42 +101,28 @@ def search_goals(
     return known
 
 
-def _whole_beginning(work: Work, starts: Sequence[SearchStart], asked: float, judge: RouteJudge) -> SearchStart | None:
-    """Where nearly all is to be seen, the best beginning if it sees that; searches rarely come back to so much."""
-    tuned = work.tuning.goal
-    if asked <= tuned.nearly_all or work.problem.free_order or not starts:
-        return None
-    best = best_starts(work.problem, starts, asked, tuned=tuned)[0]
-    return best if judge.coverage(best.route, asked) >= asked else None
-
-
-def _search_whole(
-    work: Work, whole: SearchStart, goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge
+def _on_finest_cells(
+    work: Work, found: Sequence[SearchStart], goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge
 ) -> list[SearchStart]:
-    """Search from a route that sees nearly all: first on the cells of the search, then on the finest ones.
+    """Search for nearly all on the finest cells, from the best end of a search.
 
-    What the first search lost between its cells is a corner here and there: on finer cells it costs next to nothing.
+    Of photos by distance, what counts as seen is made surer or less sure by what is judged, in several rounds.
     """
-    (begin, end), tuned, coarse = share, work.tuning.goal, work.problem
-    if work.finest is None:
-        return search_goal(work, [whole], goal, capacity, share, tuned.main_stages, judge, closed=True)
-    middle = begin + tuned.whole_share * (end - begin)
-    found = search_goal(work, [whole], goal, capacity, (begin, middle), (1.0,), judge, closed=True)
-    if found and not work.stopped:
-        work.problem = work.finest(whole.route)
-        found += search_goal(
-            work,
-            found,
-            goal,
-            capacity,
-            (middle, end),
-            tuned.main_stages,
-            judge,
-            closed=True,
-            price_factor=tuned.whole_price,
+    coarse, tuned, out = work.problem, work.tuning.goal, list[SearchStart]()
+    rounds, stages = (1, tuned.main_stages) if coarse.numbers.trigger_m == 0.0 else (_PHOTO_ROUNDS, tuned.stages)
+    ends = np.linspace(*share, rounds + 1)
+    for begin, end in itertools.pairwise(ends.tolist()):
+        if not found or work.stopped or work.finest is None:
+            break
+        judged = {each: judge.coverage(each.route, goal) for each in [*found, *out]}
+        enough = [each for each, seen in judged.items() if seen >= goal]
+        best = min(enough, key=lambda each: coarse.cost(each.route)) if enough else max(judged, key=judged.__getitem__)
+        work.problem = work.finest(best.route)
+        out += search_goal(
+            work, [best], goal, capacity, (begin, end), stages, judge, closed=True, price_factor=tuned.finest_price
         )
-        work.problem = coarse
-    return found
+    work.problem = coarse
+    return out
 
 
 def search_goal(

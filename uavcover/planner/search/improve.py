@@ -1,5 +1,6 @@
 """The local search of the memetic planner: improves the routes of the optimizer and the baselines move by move."""
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -29,8 +30,7 @@ from uavcover.planner.search.optimizer_search import Effort, SearchProgress, Sea
 from uavcover.planner.search.route_judge import SAFETY, OneAfterTheOther, RouteJudge, share_seen
 from uavcover.planner.search.route_problem import MOST_WAYPOINTS, RouteProblem
 from uavcover.planner.search.search_cells import counted_as_judged, finest_problem, search_problem
-from uavcover.planner.search.simplify import thinned_out
-from uavcover.planner.search.starts import SearchStart, best_starts
+from uavcover.planner.search.starts import SearchStart
 from uavcover.planner.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planner.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planner.selection_rule import Rule
@@ -38,7 +38,7 @@ from uavcover.planner.sound_corners import with_sound_corners
 from uavcover.planner.sure_pictures import surely
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.flown_line import line_flown, pictures_on
+from uavcover.sensing.flown_line import line_flown, pictures_on, places_passed_m
 from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import finer_map, judging_maps
 
@@ -109,7 +109,6 @@ def improve(
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
-        starts.append(_fewer_waypoints(problem, starts, goal, tuned))
         known = search_goals(
             work, starts, asked=asked, capacity=capacity, until=1.0 - tuned.waypoint_share, judge=judge
         )
@@ -149,25 +148,19 @@ class _Judging:
 
     def closed(self, route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
         """The route with its gaps closed; none where it reaches the goal, or they are too many."""
-        begun = self.as_chosen(route)
+        begun, nearly = self.as_chosen(route), goal > self.tuned.nearly_all
+        judges = self.judges if nearly else [self.judging]
         # Far from the goal they bring too little for their time.
-        if goal - share_seen(begun, self.judging) <= self.tuned.most_short:
-            begun = with_waiting_turns(
-                self.judging, begun, goal, cost=self.problem.cost, price=self.tuned.waiting_price, is_over=is_over
-            )
-            if share_seen(begun, self.judging) >= goal:
+        if goal - _least_seen(begun, judges) <= self.tuned.most_short:
+            price = self.tuned.nearly_all_price * self.tuned.closed_dearer if nearly else self.tuned.waiting_price
+            begun = with_turns_further_out(
+                judges, begun, goal, cost=self.problem.cost, price=price, reach_m=_REACHES * self.problem.reach_m,
+                is_over=is_over,
+            )  # fmt: skip
+            if _least_seen(begun, judges) >= goal - 0.5 * SAFETY:
                 return begun
-        return with_gaps_closed(
-            self.judging, begun, goal, self.tuned.closed, is_over, most_trials=self.tuned.most_trials
-        )
-
-
-def _fewer_waypoints(
-    problem: RouteProblem, starts: Sequence[SearchStart], goal: float, tuned: GoalTuning
-) -> SearchStart:
-    """The best initial solution without spare waypoints. Of two chains, one begins with it and one with the original."""
-    best = best_starts(problem, starts, goal, tuned=tuned)[0]
-    return SearchStart(thinned_out(problem, best.route, goal=goal + SAFETY), min(best.seen, goal))
+        least = min(judges, key=lambda judging: share_seen(begun, judging))
+        return with_gaps_closed(least, begun, goal, self.tuned.closed, is_over, most_trials=self.tuned.most_trials)
 
 
 def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[SearchStart]:
@@ -236,11 +229,11 @@ class _Progress:
         self._on_progress(SearchProgress(evaluations, total, self._best, self._shortest, incumbent))
 
 
-# Lines that turn just before a photo by distance is due: where it shows enough for its way, the turn waits for it.
+# Turns further out, where that shows enough for its way.
 #
-# The local search counts half of a photo's distance beyond the end of each leg as shown, as it is on average. A
-# search makes its lines as short as that allows, and where a line turns back the last photo is missing more often
-# than not.
+# The local search counts what is seen from straight legs, and half of a photo's distance beyond the end of each leg. A search
+# makes its lines as short as that allows: a corner is passed on the inside, and where a line turns back the last photo is
+# missing more often than not.
 
 _TURNS_RAD = math.radians(50.0)
 """Below this turn the line goes on, and its photos too."""
@@ -251,50 +244,70 @@ _MOST_WAY = 0.75
 _MORE_M = (1.5, 6.0)
 """A turn waits by so much longer than the line is too short: it is passed on the inside."""
 
+_SWEEPS = 3
+_REACHES = 2.0
+"""Of the sensor: a waypoint farther from all missing ground stays."""
 
-def with_waiting_turns(
-    judging: CoverageMap,  # the cells by which routes are judged
+_PASSED_M, _OUTWARD = 1.0, (1.0, 1.8)
+"""A waypoint passed at this distance moves outward by these multiples of it: the corner moves with it in part."""
+
+
+def with_turns_further_out(
+    judges: Sequence[CoverageMap],  # the cells by which routes are judged
     route: Route,  # keeps the limits
-    goal: float,  # share of what can be covered
+    goal: float,  # share of what can be covered, on each of them
     *,
     cost: Callable[[Route], float],  # of a route
-    # of all coverage, in costs of the route: what a turn shows by waiting has to be worth more than its way
+    # of all coverage, in costs of the route: what a turn shows further out has to be worth more than its way
     price: float,
+    reach_m: float,  # farther from all missing ground, a waypoint stays
     is_over: Callable[[], bool],  # whether there is no time left for it
 ) -> Route:
-    """The route with turns that wait for their next photo, one after the other until the goal is reached.
+    """The route with turns that wait for their next photo or lie further out, one after the other until the goal is reached.
 
     Returns:
-        The route itself where no turn should wait, and where photos are not taken by distance.
+        The route itself where no turn should lie elsewhere.
     """
-    site = judging.site
-    if trigger_distance_m(site.scenario) is None:
-        return route
-    best, seen, spent = route, share_seen(route, judging), cost(route)
+    site = judges[0].site
+    best, seen, spent = route, _least_seen(route, judges), cost(route)
     violations = _violations(site, route)
-    for number in range(1, len(route)):
-        worth = 0.0
-        for other in _waiting_at(site, best, number):
-            if seen >= goal or is_over():
-                return best
-            if _violations(site, other) > violations:
+    for _ in range(_SWEEPS):
+        before = best
+        missing_m = np.vstack([
+            each.grid.cells.centre_m[each.coverable & ~each.seen(best.waypoints_m), :2] for each in judges
+        ])  # fmt: skip
+        for number, place_m in enumerate(before.waypoints_m):
+            if not len(missing_m) or np.hypot(*(missing_m - place_m[:2]).T).min() > reach_m:
                 continue
-            gained = min(share_seen(other, judging), goal) - seen
-            more = gained * price * spent - (cost(other) - spent)
-            if more > worth:
-                worth, found = more, other
-        if worth > 0.0:
-            best, seen, spent = found, share_seen(found, judging), cost(found)
+            worth = 0.0
+            for other in itertools.chain(_waiting_at(site, best, number), _outward_at(site, best, number)):
+                if seen >= goal or is_over():
+                    return best
+                if _violations(site, other) > violations:
+                    continue
+                gained = min(_least_seen(other, judges), goal) - seen
+                more = gained * price * spent - (cost(other) - spent)
+                if more > worth:
+                    worth, found = more, other
+            if worth > 0.0:
+                best, seen, spent = found, _least_seen(found, judges), cost(found)
+        if best is before:
+            break
     return best
 
 
+def _least_seen(route: Route, judges: Sequence[CoverageMap]) -> float:
+    return min(share_seen(route, each) for each in judges)
+
+
 def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
-    """The route with a waypoint moved further along, to the next photo; None where that is not needed."""
-    points = route.waypoints_m
+    """The route with a waypoint moved further along, to the next photo; none where that is not needed."""
+    points, trigger_m = route.waypoints_m, trigger_distance_m(site.scenario)
+    if number == 0 or trigger_m is None:
+        return
     onward = points[number, :2] - points[number - 1, :2]
     if number + 1 < len(points) and _turn_rad(onward, points[number + 1, :2] - points[number, :2]) < _TURNS_RAD:
         return
-    trigger_m = trigger_distance_m(site.scenario) or 0.0
     line_m = line_flown(site, points).places_m
     pieces, pictures_m = pictures_on(line_m, trigger_m)
     nearest = int(np.argmin(np.linalg.norm(line_m - points[number], axis=1)))
@@ -304,13 +317,34 @@ def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
     short_m = trigger_m - float(np.hypot(*(points[number] - before[-1])[:2]))
     if not 0.0 < short_m <= _MOST_WAY * trigger_m:
         return
-    height_agl_m = site.ground.heights_agl_m(points[number])
     for more_m in _MORE_M:
-        moved = np.array(points)
-        moved[number, :2] += (short_m + more_m) / length_m * onward
-        moved[number, 2] = site.ground.ups_m(moved[number, :2], height_agl_m)[0]
-        if np.isfinite(moved).all():
-            yield surely(site, Route(moved, route.begins))
+        yield from _moved(site, route, number, (short_m + more_m) / length_m * onward)
+
+
+def _outward_at(site: Site, route: Route, number: int) -> Iterator[Route]:
+    """The route with a waypoint moved outward, or either of its legs longer there, where it is passed on the inside."""
+    points = route.waypoints_m
+    out_m = (points[number] - places_passed_m(site, points)[number])[:2]
+    passed_m = float(np.hypot(*out_m))
+    if passed_m < _PASSED_M:
+        return
+    ways_m = [out_m]
+    for beside in (number - 1, number + 1):
+        if 0 <= beside < len(points):
+            leg_m = (points[number] - points[beside])[:2]
+            ways_m.append(passed_m / max(float(np.hypot(*leg_m)), _PASSED_M) * leg_m)
+    for way_m, share in itertools.product(ways_m, _OUTWARD):
+        yield from _moved(site, route, number, share * way_m)
+
+
+def _moved(site: Site, route: Route, number: int, way_m: FloatArray) -> Iterator[Route]:
+    """The route with a waypoint moved (2,) metres on the map at its height above ground; none beyond the elevation data."""
+    moved = np.array(route.waypoints_m)
+    height_agl_m = site.ground.heights_agl_m(moved[number])
+    moved[number, :2] += way_m
+    moved[number, 2] = site.ground.ups_m(moved[number, :2], height_agl_m)[0]
+    if np.isfinite(moved).all():
+        yield surely(site, Route(moved, route.begins))
 
 
 def _turn_rad(before: FloatArray, behind: FloatArray) -> float:

@@ -23,8 +23,6 @@ from uavcover.sensing.sensors import narrowed, sample_spacing_m, trigger_distanc
 MOST_WAYPOINTS = 60_000
 """A longer route is not searched: a cell is counted in 16 bits."""
 
-_LIKELY = 0.5
-
 _RUNS_OF_A_ROW = 3
 """Average runs of cells that a leg observes in the rows it passes. There is room for them on a leg across the whole area."""
 
@@ -58,13 +56,13 @@ class RouteProblem:
         cost = self.cost(route)
         return route.length_m / cost if cost > 0.0 and route.length_m > 0.0 else 1.0
 
-    def with_likely_pictures(self) -> "RouteProblem":
-        """The problem in which ground in view along half of the distance between two photos counts, instead of all of it.
+    def with_pictures_in_view(self, share: float) -> "RouteProblem":
+        """The problem in which ground counts that is in view along this multiple of the distance between two photos.
 
-        That is shown by every second photo or more. On cliffs little ground is in view all the way: on terraces, with a
-        photo every 40 m, lines that see 98 % were counted as 79 %.
+        Of what is in view along half of it every second photo or more shows it. On cliffs little ground is in view all the way:
+        on terraces, with a photo every 40 m, lines that see 98 % were counted as 79 %. Along more, photos are surer.
         """
-        return replace(self, numbers=self.numbers._replace(trigger_m=_LIKELY * self.numbers.trigger_m))
+        return replace(self, numbers=self.numbers._replace(trigger_m=share * self.numbers.trigger_m))
 
     @property
     def free_order(self) -> bool:

@@ -25,6 +25,9 @@ _FAR_LESS = 0.04
 judged, others up to 0.025."""
 
 
+_LIKELY, _SURER = 0.5, (1.0, 1.5, 2.0, 2.5)
+"""Multiples of the distance between two photos along which ground has to be in view."""
+
 _HIDDEN, _HIDDEN_FINEST, _LESS_MARGIN = 0.004, 0.001, (0.05, 0.025, 0.0)
 """Where the narrowed sensor loses more of the best beginning, a share of coverage, its lines have no room for the margin, and a
 smaller one, in cells, is tried."""
@@ -60,7 +63,7 @@ def counted_as_judged(problem: RouteProblem, judging: CoverageMap, starts: Seque
     most = max(starts, key=lambda start: start.seen).route
     if share_counted(problem, most) >= share_seen(most, judging) - _FAR_LESS:
         return problem
-    return problem.with_likely_pictures()
+    return problem.with_pictures_in_view(_LIKELY)
 
 
 def share_counted(problem: RouteProblem, route: Route) -> float:
@@ -69,8 +72,16 @@ def share_counted(problem: RouteProblem, route: Route) -> float:
 
 
 def finest_problem(cells: CoverageMap, route: Route) -> RouteProblem:
-    """The problem of a search that ends a search for nearly all of the ground, on the finest cells, from a route that sees it."""
-    return _with_room(cells, route, _LESS_MARGIN, _HIDDEN_FINEST)
+    """The problem of a search that ends a search for nearly all of the ground, on the finest cells, from a route that sees it.
+
+    Photos by distance have to be as sure as the route's are, so that the goal has an effect.
+    """
+    problem = _with_room(cells, route, _LESS_MARGIN, _HIDDEN_FINEST)
+    if problem.numbers.trigger_m == 0.0:
+        return problem
+    seen = share_seen(route, cells)
+    counted = [problem.with_pictures_in_view(share) for share in _SURER]
+    return min(counted, key=lambda each: abs(share_counted(each, route) - seen))
 
 
 def _with_room(cells: CoverageMap, route: Route, margins: Sequence[float], hidden: float) -> RouteProblem:

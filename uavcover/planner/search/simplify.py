@@ -1,4 +1,4 @@
-"""Routes without the waypoints that they can do without: a beginning of a search, and its last step."""
+"""Routes without the waypoints that they can do without: the last step of a search."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,19 +18,6 @@ _ATTEMPTS = 5
 """Each keeps twice as much more coverage as the one before it lacked on the exact count, or on finer cells."""
 
 _ROUNDING = 1e-12
-
-
-def thinned_out(problem: RouteProblem, route: Route, *, goal: float) -> Route:
-    """A route without the waypoints whose removal keeps limits and cost, and the coverage on the cells of a search.
-
-    Args:
-        problem: of the search.
-        route: keeps the limits.
-        goal: share of what can be covered; what is seen beyond it may go, and where less is seen nothing may.
-    """
-    state = state_of(problem, route, capacity=len(route))
-    _sweep(problem, state, max(0.0, float(state.seen[0]) - goal))
-    return Route(snapshot(state))
 
 
 def simplified(

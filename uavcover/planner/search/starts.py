@@ -61,4 +61,4 @@ def _merit(
     """Smallest for the best initial solution. Where the order is free, any route that reaches the goal ranks first."""
     with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, problem.reach_m)
     cost = problem.cost(start.route) * with_waypoints
-    return problem.free_order and start.seen < goal, tuned.start_cost(cost, goal - start.seen)
+    return problem.free_order and start.seen < goal, tuned.start_cost(cost, start.seen, goal)

@@ -4,6 +4,7 @@ They were set by hand and by trials on the scenarios of the package. What is no 
 ladder of goals, the margin of a goal) stands where it is used.
 """
 
+import math
 from dataclasses import dataclass, field
 
 from uavcover.kernels.annealing import Moves
@@ -22,7 +23,7 @@ class GoalTuning:
     Lengths and temperatures are in radii of the sensor, so that a bend costs the same on a short route and on a long one.
 
     Attributes:
-        main_share, main_stages, stages, closing_share, whole_share, closing_share_far, waypoint_stages, waypoint_share: see
+        main_share, main_stages, stages, closing_share, coarse_share, closing_share_far, waypoint_stages, waypoint_share: see
             `uavcover.planner.budget.Shares`.
         further_left: before that, under a time budget, stages follow that are as short as corrections allow, while each leaves no
             more than this of what the one before it lacked. Over large areas closing gaps one by one takes half of the way again
@@ -39,7 +40,7 @@ class GoalTuning:
             98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
         closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
-        whole_price: the same factor on the finest cells, at the beginning: there it rises from stage to stage.
+        finest_price: the same factor on the finest cells, at the beginning: there it rises from stage to stage.
         most_short_at_first: a search that misses its goal by more after its first stage ends there, and goes on from long lines
             with the gaps closed: in a canyon it was 0.09 to 0.1 short, in six cases on other ground (scripts/bench/kinds.py) at
             most 0.047 (terraces, tilted).
@@ -81,7 +82,7 @@ class GoalTuning:
     main_stages: tuple[float, ...] = SHARES.goal_main_stages
     stages: tuple[float, ...] = SHARES.goal_stages
     closing_share: float = SHARES.goal_closing
-    whole_share: float = SHARES.goal_whole
+    coarse_share: float = SHARES.goal_coarse
     further_left: float = 0.7
     closing_share_far: float = SHARES.goal_closing_far
     most_short: float = 0.03
@@ -91,7 +92,7 @@ class GoalTuning:
     nearly_all: float = 0.995
     closed_dearer: float = 40.0
     closed_heat: float = 0.2
-    whole_price: float = 10.0
+    finest_price: float = 10.0
     most_short_at_first: float = 0.06
     most_short_beginning: float = 0.1
     most_beginnings: int = 8
@@ -119,14 +120,16 @@ class GoalTuning:
     path_capacity: int = 3
     spare_waypoints: int = 100
 
-    def start_cost(self, cost: float, missing: float) -> float:
-        """Cost of a beginning with that of what it misses.
+    def start_cost(self, cost: float, seen: float, goal: float) -> float:
+        """Cost of a beginning with that of what it misses, at its own cost per coverage.
 
         Args:
             cost: of its route.
-            missing: required coverage less its own, as a share; less than 0 where it has more.
+            seen: share of what can be covered that it sees.
+            goal: the share that is to be seen.
         """
-        return cost * (1.0 + self.start_price * max(0.0, missing))
+        missing = max(0.0, goal - seen)
+        return cost * (1.0 + self.start_price * missing / seen) if seen > 0.0 else math.inf
 
     def heat_of_length(self, radii: float) -> float:
         """Temperature at the beginning of a search for the shortest path, in radii of the sensor.

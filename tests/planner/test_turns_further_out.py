@@ -1,6 +1,5 @@
 """Turns that wait for the next picture by distance."""
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,9 @@ import pytest
 from tests.terrain_kinds import write_scenario
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
-from uavcover.planner.search.improve import with_waiting_turns
+from uavcover.planner.search.improve import with_turns_further_out
 from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.flown_line import places_passed_m
 from uavcover.sensing.site_maps import judging_map
 
 UP_M = 80.0
@@ -30,8 +30,14 @@ def turning_at(east_m: float) -> Route:
 
 
 def waiting(site: Site, route: Route, *, goal: float = 1.0, price: float = 10.0, late: bool = False) -> Route:
-    return with_waiting_turns(
-        judging_map(site), route, goal, cost=lambda other: other.length_m, price=price, is_over=lambda: late
+    return with_turns_further_out(
+        [judging_map(site)],
+        route,
+        goal,
+        cost=lambda other: other.length_m,
+        price=price,
+        reach_m=500.0,
+        is_over=lambda: late,
     )
 
 
@@ -75,10 +81,28 @@ def test_a_line_that_goes_straight_on_does_not_wait(site: Site) -> None:
     np.testing.assert_array_equal(found.waypoints_m[:2], points[:2])
 
 
-def test_a_camera_without_a_distance_has_no_picture_to_wait_for(tmp_path: Path) -> None:
-    nadir = load_site(str(write_scenario(tmp_path, "flat", "nadir")))
+def test_a_corner_that_is_passed_on_the_inside_lies_further_out_where_that_shows_more(tmp_path: Path) -> None:
+    """The first waypoint is reached at an acute angle, and passed at a distance of metres."""
+    site = load_site(str(write_scenario(tmp_path, "flat", "nadir")))
     route = Route(THERE_AND_BACK)
-    assert (
-        with_waiting_turns(judging_map(nadir), route, 1.0, cost=lambda _: math.nan, price=1.0, is_over=lambda: False)
-        is route
+    assert waiting(site, route, price=0.0) is route
+    found = waiting(site, route, price=1e3)
+    passed_m = np.linalg.norm(route.waypoints_m - places_passed_m(site, route.waypoints_m), axis=1)
+    moved_m = np.linalg.norm((found.waypoints_m - route.waypoints_m)[:, :2], axis=1)
+    assert moved_m.max() > 1.0
+    assert (moved_m[passed_m < 0.9] == 0.0).all()
+    assert seen(site, found) > seen(site, route)
+
+
+def test_a_corner_far_from_all_missing_ground_stays(site: Site) -> None:
+    route = turning_at(285.0)
+    found = with_turns_further_out(
+        [judging_map(site)],
+        route,
+        1.0,
+        cost=lambda other: other.length_m,
+        price=1e6,
+        reach_m=0.0,
+        is_over=lambda: False,
     )
+    assert found is route
