@@ -16,7 +16,7 @@ from uavcover.model.sensor import FrameCamera
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.search.closing import closed_beginning, closed_end, with_gaps_closed
-from uavcover.planner.search.route_judge import SAFETY, RouteJudge
+from uavcover.planner.search.route_judge import RouteJudge
 from uavcover.planner.search.starts import SearchStart
 from uavcover.planner.search.tuning import TUNED
 from uavcover.sensing.site_maps import judging_map
@@ -95,7 +95,7 @@ def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards() -> None
     judge = RouteJudge(lambda _, __: 0.97, lambda _: None, closed)
     found = [SearchStart(route, 0.97)]
     assert closed_end(work, found, 0.98, judge, until=0.85) is not None
-    assert told == [(0.98 + SAFETY, False), (0.98 + SAFETY, True)]
+    assert told == [(0.98, False), (0.98, True)]
     assert closed_end(work, found, 0.98, judge, until=0.85) is None
     assert len(told) == 2
 

@@ -16,7 +16,7 @@ from uavcover.model.route import Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planner.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
 from uavcover.planner.search.closing import with_gaps_closed
-from uavcover.planner.search.route_judge import SAFETY
+from uavcover.planner.search.route_judge import with_safety
 from uavcover.planner.search.simplify import simplified
 from uavcover.planner.search.tuning import TUNED
 from uavcover.planner.selection_rule import Rule, select, without_flukes
@@ -200,7 +200,7 @@ def _nearly_with_gaps_closed(
     for _, member in sorted(found, key=lambda each: each[0])[:_MOST_NEAR]:
         if len(routes) == _MOST_CLOSED or is_over():
             break
-        closed = _closed(fine, member.route, asked + SAFETY, is_over)
+        closed = _closed(fine, member.route, with_safety(asked), is_over)
         routes += [] if closed is None else [(closed, member.origin)]
     return routes
 

@@ -43,6 +43,7 @@ from uavcover.planner.final_choice import choose
 from uavcover.planner.front import NamedRoute, judge_members
 from uavcover.planner.joining import in_good_order, joined
 from uavcover.planner.search.optimizer_search import SearchProgress, SearchRun
+from uavcover.planner.search.route_judge import with_safety
 from uavcover.planner.search.tuning import TUNED
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
@@ -202,8 +203,6 @@ _WORTH = 0.99
 parts ends with 0.88 of it on 25 km², 0.92 on 49 and 0.92 on 100 km², and one in flights with 0.91 of what they begin with."""
 
 _LARGEST_CORRECTION = 0.01
-_SAFETY = 0.0003
-"""Safety share of the parts' goal, added to the shortfall of the joined route against the required coverage."""
 
 
 def part_count(site: Site) -> int:
@@ -297,7 +296,7 @@ def plan_by_parts(
         look_at_all(fine, [whole.waypoints_m], run_blocks)
         seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
         if know_each_other:  # before that, what they see twice is no sign
-            missing = goal + _SAFETY - seen
+            missing = with_safety(goal) - seen
             aim = min(1.0, aim + float(np.clip(missing, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)))
         done = min(effort.evaluations, round(sum(_ROUNDS[: number + 1]) * effort.evaluations))
         run.on_progress(SearchProgress(done, effort.evaluations, seen, None))

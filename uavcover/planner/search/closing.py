@@ -18,7 +18,7 @@ from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M
 from uavcover.planner.gap_route import plan_closing_route
 from uavcover.planner.joining import joined
 from uavcover.planner.search.local_search import Work
-from uavcover.planner.search.route_judge import SAFETY, RouteJudge, share_seen
+from uavcover.planner.search.route_judge import RouteJudge, share_seen
 from uavcover.planner.search.route_problem import RouteProblem
 from uavcover.planner.search.starts import SearchStart
 from uavcover.planner.set_cover.candidates import seen_from_each
@@ -76,7 +76,7 @@ def closed_end(
             break
         if not 0.0 < lacking <= tuned.most_short or cost(each.route) >= least:
             continue
-        closed = judge.closed(each.route, goal + SAFETY, is_over)
+        closed = judge.closed(each.route, goal, is_over)
         if closed is not None and cost(closed) < least:
             best, least = SearchStart(closed, each.seen + lacking), cost(closed)
     return best
@@ -126,7 +126,7 @@ def closed_beginning(
     for tried, (seen, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
         if is_over() or (ends and tried >= tuned.most_closed):
             break
-        route = judge.closed(each.route, goal + SAFETY, is_over)
+        route = judge.closed(each.route, goal, is_over)
         if route is not None:
             ends.append(SearchStart(route, min(1.0, each.seen + max(0.0, goal - seen))))
     return min(ends, key=lambda end: work.problem.cost(end.route), default=None)

@@ -13,14 +13,15 @@ from uavcover.kernels.annealing import Prices
 from uavcover.model.route import Route
 from uavcover.planner.search.closing import closed_beginning, closed_end, price_between
 from uavcover.planner.search.local_search import CHAINS, Chain, Work
-from uavcover.planner.search.route_judge import SAFETY, RouteJudge
+from uavcover.planner.search.route_judge import RouteJudge, with_safety
 from uavcover.planner.search.route_problem import state_of
 from uavcover.planner.search.starts import SearchStart, best_starts
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 """Goals besides the required coverage, so that there is a choice."""
 
-_PHOTO_ROUNDS = 3
+_ROUNDS = 3
+_WHOLE_TRIED = 3
 
 _ROUNDING = 1e-9
 
@@ -54,7 +55,8 @@ def search_goals(
             most_short=tuned.most_short_at_first, later=0.0 if finest else end + tuned.closing_share * (until - begin),
         )  # fmt: skip
         if finest:
-            found += _on_finest_cells(work, found, asked, capacity, (middle, end), judge)
+            whole = _whole_start(work, starts, asked, judge)
+            found += _on_finest_cells(work, found, asked, capacity, (middle, end), judge, whole)
         closing = tuned.closing_share_far if finest else tuned.closing_share
         with_closing = min(work.pace.fraction, end) + closing * (until - begin)
         closed = closed_end(work, found, asked, judge, until=with_closing)
@@ -102,27 +104,41 @@ def search_goals(
 
 
 def _on_finest_cells(
-    work: Work, found: Sequence[SearchStart], goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge
-) -> list[SearchStart]:
-    """Search for nearly all on the finest cells, from the best end of a search.
+    work: Work, found: Sequence[SearchStart], goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge,
+    whole: Sequence[SearchStart] = (),
+) -> list[SearchStart]:  # fmt: skip
+    """Search for nearly all on the finest cells, from the best end of a search or from a whole start.
 
-    Of photos by distance, what counts as seen is made surer or less sure by what is judged, in several rounds.
+    What counts as seen is made surer or less sure by what is judged, in several rounds.
     """
     coarse, tuned, out = work.problem, work.tuning.goal, list[SearchStart]()
-    rounds, stages = (1, tuned.main_stages) if coarse.numbers.trigger_m == 0.0 else (_PHOTO_ROUNDS, tuned.stages)
-    ends = np.linspace(*share, rounds + 1)
-    for begin, end in itertools.pairwise(ends.tolist()):
+    for begin, end in itertools.pairwise(np.linspace(*share, _ROUNDS + 1).tolist()):
         if not found or work.stopped or work.finest is None:
             break
-        judged = {each: judge.coverage(each.route, goal) for each in [*found, *out]}
-        enough = [each for each, seen in judged.items() if seen >= goal]
-        best = min(enough, key=lambda each: coarse.cost(each.route)) if enough else max(judged, key=judged.__getitem__)
-        work.problem = work.finest(best.route)
+        best, judged = min(
+            ((each, judge.coverage(each.route, goal)) for each in [*found, *out, *whole]),
+            key=lambda item: tuned.start_cost(coarse.cost(item[0].route), item[1], goal, price=tuned.finest_price),
+        )
+        work.problem = work.finest(best.route, judged)
         out += search_goal(
-            work, [best], goal, capacity, (begin, end), stages, judge, closed=True, price_factor=tuned.finest_price
+            work,
+            [best],
+            goal,
+            capacity,
+            (begin, end),
+            tuned.stages,
+            judge,
+            closed=True,
+            price_factor=tuned.finest_price,
         )
     work.problem = coarse
     return out
+
+
+def _whole_start(work: Work, starts: Sequence[SearchStart], goal: float, judge: RouteJudge) -> list[SearchStart]:
+    """The cheapest start that sees the goal, where one of the cheapest that may see it does."""
+    may = sorted((each for each in starts if each.seen >= goal), key=lambda each: work.problem.cost(each.route))
+    return [each for each in may[:_WHOLE_TRIED] if judge.coverage(each.route, goal) >= goal][:1]
 
 
 def search_goal(
@@ -155,7 +171,7 @@ def search_goal(
     """
     begin, end = share
     tuned, free_order = work.tuning.goal, work.tuning.free_order
-    aim = min(1.0, goal + SAFETY)
+    aim = with_safety(goal)
     price_of_goal = tuned.nearly_all_price if goal > tuned.nearly_all else tuned.coverage_price
     price_of_goal = max(price_of_goal, 0.0 if coverage_price is None else coverage_price)
     waypoint_m = (tuned.waypoint_price if waypoint_price is None else waypoint_price) * work.problem.reach_m
@@ -260,7 +276,7 @@ def _next_stage(stages: Sequence[float], begun: float, least: float) -> tuple[fl
 
 def _corrected(goal: float, seen: float, judged: float) -> float:
     """The goal on the search's cells, corrected by how a route's coverage there differs from its judged coverage."""
-    return min(1.0, max(0.0, seen + goal + SAFETY - judged))
+    return min(1.0, max(0.0, seen + with_safety(goal) - judged))
 
 
 def _chain(

@@ -27,7 +27,7 @@ from uavcover.planner.search.local_search import (
     Work,
 )
 from uavcover.planner.search.optimizer_search import Effort, SearchProgress, SearchRun
-from uavcover.planner.search.route_judge import SAFETY, OneAfterTheOther, RouteJudge, share_seen
+from uavcover.planner.search.route_judge import OneAfterTheOther, RouteJudge, share_seen, with_safety
 from uavcover.planner.search.route_problem import MOST_WAYPOINTS, RouteProblem
 from uavcover.planner.search.search_cells import counted_as_judged, finest_problem, search_problem
 from uavcover.planner.search.starts import SearchStart
@@ -148,19 +148,19 @@ class _Judging:
 
     def closed(self, route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
         """The route with its gaps closed; none where it reaches the goal, or they are too many."""
-        begun, nearly = self.as_chosen(route), goal > self.tuned.nearly_all
+        begun, nearly, aim = self.as_chosen(route), goal > self.tuned.nearly_all, with_safety(goal)
         judges = self.judges if nearly else [self.judging]
         # Far from the goal they bring too little for their time.
-        if goal - _least_seen(begun, judges) <= self.tuned.most_short:
+        if aim - _least_seen(begun, judges) <= self.tuned.most_short:
             price = self.tuned.nearly_all_price * self.tuned.closed_dearer if nearly else self.tuned.waiting_price
             begun = with_turns_further_out(
-                judges, begun, goal, cost=self.problem.cost, price=price, reach_m=_REACHES * self.problem.reach_m,
+                judges, begun, aim, cost=self.problem.cost, price=price, reach_m=_REACHES * self.problem.reach_m,
                 is_over=is_over,
             )  # fmt: skip
-            if _least_seen(begun, judges) >= goal - 0.5 * SAFETY:
+            if _least_seen(begun, judges) >= 0.5 * (goal + aim):
                 return begun
         least = min(judges, key=lambda judging: share_seen(begun, judging))
-        return with_gaps_closed(least, begun, goal, self.tuned.closed, is_over, most_trials=self.tuned.most_trials)
+        return with_gaps_closed(least, begun, aim, self.tuned.closed, is_over, most_trials=self.tuned.most_trials)
 
 
 def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[SearchStart]:

@@ -138,8 +138,8 @@ class Work:
     executor: Executor | None  # runs the chains side by side; the result does not depend on it
     should_stop: Callable[[], bool]  # asked between batches
     on_batch: Callable[[Sequence[Chain]], None]  # called after every batch, with the chains
-    # the problem on the finest cells, from a route that sees nearly all; none where there are none
-    finest: Callable[[Route], RouteProblem] | None = None
+    # the problem on the finest cells that counts of a route what is judged of it; none where there are none
+    finest: Callable[[Route, float], RouteProblem] | None = None
     tuning: SearchTuning = TUNED  # of the search
     proposals: int = 0  # done so far, by all chains
     stopped: bool = field(default=False)  # whether ``should_stop`` ended the work

@@ -10,6 +10,11 @@ SAFETY = 0.0003
 """Share of the coverage by which a route is to reach more than its goal on the finest cells: other cells see less."""
 
 
+def with_safety(goal: float) -> float:
+    """What a search for a goal aims at: SAFETY more, or half of what is left to all."""
+    return goal + min(SAFETY, 0.5 * (1.0 - goal))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteJudge:
     """Judge of a search's routes."""

@@ -3,7 +3,7 @@
 They are other cells than routes are judged on, so that a route is not laid out for the places of single centres.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
@@ -28,7 +28,10 @@ judged, others up to 0.025."""
 _LIKELY, _SURER = 0.5, (1.0, 1.5, 2.0, 2.5)
 """Multiples of the distance between two photos along which ground has to be in view."""
 
-_HIDDEN, _HIDDEN_FINEST, _LESS_MARGIN = 0.004, 0.001, (0.05, 0.025, 0.0)
+_MARGINS, _AS_JUDGED = (0.05, 0.1, 0.2, 0.35, 0.5), 1e-4
+"""Margins on the finest cells, in cells, and the share of coverage by which more may be counted than is judged."""
+
+_HIDDEN, _LESS_MARGIN = 0.004, (0.05, 0.025, 0.0)
 """Where the narrowed sensor loses more of the best beginning, a share of coverage, its lines have no room for the margin, and a
 smaller one, in cells, is tried."""
 
@@ -71,17 +74,21 @@ def share_counted(problem: RouteProblem, route: Route) -> float:
     return float(state_of(problem, route, capacity=len(route)).seen[0])
 
 
-def finest_problem(cells: CoverageMap, route: Route) -> RouteProblem:
-    """The problem of a search that ends a search for nearly all of the ground, on the finest cells, from a route that sees it.
+def finest_problem(cells: CoverageMap, route: Route, judged: float) -> RouteProblem:
+    """The problem of a search for nearly all of the ground on the finest cells, that counts of a route what is judged of it.
 
-    Photos by distance have to be as sure as the route's are, so that the goal has an effect.
+    Straight legs show more than flown corners do, and photos by distance fall anywhere: where all is counted as seen and less is
+    judged, the goal has no effect. So the sensor is narrowed, or ground has to be in view for longer, until as much is missing.
     """
-    problem = _with_room(cells, route, _LESS_MARGIN, _HIDDEN_FINEST)
-    if problem.numbers.trigger_m == 0.0:
-        return problem
-    seen = share_seen(route, cells)
-    counted = [problem.with_pictures_in_view(share) for share in _SURER]
-    return min(counted, key=lambda each: abs(share_counted(each, route) - seen))
+    wide = _problem(cells.site, cells, margin_cells=_MARGINS[0])
+    counted: Iterable[RouteProblem] = (_problem(cells.site, cells, margin_cells=more) for more in _MARGINS)
+    if wide.numbers.trigger_m > 0.0:
+        counted = (wide.with_pictures_in_view(share) for share in _SURER)
+    surest = wide
+    for surest in counted:
+        if share_counted(surest, route) <= judged + _AS_JUDGED:
+            break
+    return surest
 
 
 def _with_room(cells: CoverageMap, route: Route, margins: Sequence[float], hidden: float) -> RouteProblem:

@@ -6,7 +6,7 @@ from uavcover.kernels.annealing import snapshot
 from uavcover.kernels.route_state import RouteState
 from uavcover.kernels.simplification import merge, take_out
 from uavcover.model.route import Route
-from uavcover.planner.search.route_judge import SAFETY
+from uavcover.planner.search.route_judge import SAFETY, with_safety
 from uavcover.planner.search.route_problem import RouteProblem, route_problem, state_of
 from uavcover.planner.sure_pictures import surely
 from uavcover.sensing.coverage_map import CoverageMap
@@ -86,7 +86,7 @@ def least_seen(seen: float, asked: float | None, *, finer: bool) -> float:
     """
     if finer:
         return asked if asked is not None and seen >= asked else seen - SAFETY
-    return min(seen, asked + SAFETY) if asked is not None and seen >= asked else seen
+    return min(seen, with_safety(asked)) if asked is not None and seen >= asked else seen
 
 
 def _problem(judging: CoverageMap) -> RouteProblem:

@@ -120,16 +120,19 @@ class GoalTuning:
     path_capacity: int = 3
     spare_waypoints: int = 100
 
-    def start_cost(self, cost: float, seen: float, goal: float) -> float:
+    def start_cost(self, cost: float, seen: float, goal: float, *, price: float | None = None) -> float:
         """Cost of a beginning with that of what it misses, at its own cost per coverage.
 
         Args:
             cost: of its route.
             seen: share of what can be covered that it sees.
             goal: the share that is to be seen.
+            price: of full coverage, in costs of the route. Default: ``start_price``.
         """
         missing = max(0.0, goal - seen)
-        return cost * (1.0 + self.start_price * missing / seen) if seen > 0.0 else math.inf
+        return (
+            cost * (1.0 + (self.start_price if price is None else price) * missing / seen) if seen > 0.0 else math.inf
+        )
 
     def heat_of_length(self, radii: float) -> float:
         """Temperature at the beginning of a search for the shortest path, in radii of the sensor.
