@@ -69,12 +69,12 @@ if TYPE_CHECKING:
         trigger_camera_every,
         waypoint,
     )
-    from mission_io.protocol.exchange import Address
     from mission_io.protocol.mission_control import ItemProgress
     from mission_io.protocol.parameter_values import Parameter
     from mission_io.protocol.server import ListChanged, MissionServer
     from mission_io.protocol.timing import Timing
     from mission_io.wire.codec import LinkStatistics
+    from mission_io.wire.messages import Address
     from mission_io.wire.signing import SigningKey
 
 __all__ = [
@@ -187,12 +187,12 @@ _PLACES = {
         "Command", "Frame", "GeoPoint", "Mission", "MissionItem", "MissionType", "SpeedType", "change_speed", "delay",
         "land", "look_ahead", "look_at", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint",
     ),
-    "mission_io.protocol.exchange": ("Address",),
     "mission_io.protocol.mission_control": ("ItemProgress",),
     "mission_io.protocol.parameter_values": ("Parameter",),
     "mission_io.protocol.server": ("ListChanged", "MissionServer"),
     "mission_io.protocol.timing": ("Timing",),
     "mission_io.wire.codec": ("LinkStatistics",),
+    "mission_io.wire.messages": ("Address",),
     "mission_io.wire.signing": ("SigningKey",),
 }  # fmt: skip
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}

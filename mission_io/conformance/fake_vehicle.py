@@ -17,10 +17,10 @@ from mission_io.conformance.tricks import Said, Trick
 from mission_io.conformance.tuning import STATION
 from mission_io.model.enums import AutopilotId, CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec, message_id
+from mission_io.wire.messages import Address
 
 BY_THE_GUIDE: Final = replace(
     PX4,

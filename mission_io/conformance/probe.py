@@ -12,11 +12,11 @@ from mission_io.errors import FormatError, TransferError, TransferSilentError
 from mission_io.links.opening import Link
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Address
 from mission_io.wire.mission_items import message_from_item
 
 REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)

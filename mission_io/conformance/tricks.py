@@ -7,8 +7,8 @@ from random import Random
 from typing import Any, Final, TypeAlias
 
 from mission_io.model.enums import MissionResult
-from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
+from mission_io.wire.messages import Address
 from mission_io.wire.mission_items import float_message
 
 REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)

@@ -208,7 +208,7 @@ class _SettingsWatch:
                 alarm=True,
             )
         self._unanswered += 1
-        session.client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
+        session.client.send(m.ParamRequestRead(*vehicle.address, name))
 
     def _rows(self) -> dict[str, Limit]:
         rows = limit_table(

@@ -10,9 +10,8 @@ from mission_io.clock import MonotonicClock
 from mission_io.errors import LinkError
 from mission_io.links.stream import FramedChannel
 from mission_io.links.tcp import TcpChannel
-from mission_io.protocol.exchange import Address
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import Message, TimeSync
+from mission_io.wire.messages import Address, Message, TimeSync
 from uavcover.errors import VehicleError
 from uavcover.mock.tuning import LINK
 from uavcover.mock.vehicle import MockVehicle
