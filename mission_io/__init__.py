@@ -45,7 +45,8 @@ if TYPE_CHECKING:
         VehicleSilentError,
         WaitCancelledError,
     )
-    from mission_io.formats.files import MissionFile, read_file, read_mission, write_mission
+    from mission_io.formats.files import read_file, read_mission, write_mission
+    from mission_io.formats.text import MissionFile
     from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
     from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
     from mission_io.model.actions import Action, action_of, item_of
@@ -177,7 +178,8 @@ _PLACES = {
         "TransferCancelledError", "TransferError", "TransferInterrupted", "TransferSilentError", "VehicleSilentError",
         "WaitCancelledError",
     ),
-    "mission_io.formats.files": ("MissionFile", "read_file", "read_mission", "write_mission"),
+    "mission_io.formats.files": ("read_file", "read_mission", "write_mission"),
+    "mission_io.formats.text": ("MissionFile",),
     "mission_io.links.opening": ("Link", "UdpLink", "open_link", "register_endpoint"),
     "mission_io.links.simulated": ("LINK_PRESETS", "LinkPreset", "link_preset"),
     "mission_io.model.actions": ("Action", "action_of", "item_of"),
