@@ -45,7 +45,8 @@ if TYPE_CHECKING:
         VehicleSilentError,
         WaitCancelledError,
     )
-    from mission_io.formats.files import MissionFile, read_file, read_mission, write_mission
+    from mission_io.formats.files import read_file, read_mission, write_mission
+    from mission_io.formats.text import MissionFile
     from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
     from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
     from mission_io.model.actions import Action, action_of, item_of
@@ -69,12 +70,12 @@ if TYPE_CHECKING:
         trigger_camera_every,
         waypoint,
     )
-    from mission_io.protocol.exchange import Address
     from mission_io.protocol.mission_control import ItemProgress
     from mission_io.protocol.parameter_values import Parameter
     from mission_io.protocol.server import ListChanged, MissionServer
     from mission_io.protocol.timing import Timing
     from mission_io.wire.codec import LinkStatistics
+    from mission_io.wire.messages import Address
     from mission_io.wire.signing import SigningKey
 
 __all__ = [
@@ -177,7 +178,8 @@ _PLACES = {
         "TransferCancelledError", "TransferError", "TransferInterrupted", "TransferSilentError", "VehicleSilentError",
         "WaitCancelledError",
     ),
-    "mission_io.formats.files": ("MissionFile", "read_file", "read_mission", "write_mission"),
+    "mission_io.formats.files": ("read_file", "read_mission", "write_mission"),
+    "mission_io.formats.text": ("MissionFile",),
     "mission_io.links.opening": ("Link", "UdpLink", "open_link", "register_endpoint"),
     "mission_io.links.simulated": ("LINK_PRESETS", "LinkPreset", "link_preset"),
     "mission_io.model.actions": ("Action", "action_of", "item_of"),
@@ -187,12 +189,12 @@ _PLACES = {
         "Command", "Frame", "GeoPoint", "Mission", "MissionItem", "MissionType", "SpeedType", "change_speed", "delay",
         "land", "look_ahead", "look_at", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint",
     ),
-    "mission_io.protocol.exchange": ("Address",),
     "mission_io.protocol.mission_control": ("ItemProgress",),
     "mission_io.protocol.parameter_values": ("Parameter",),
     "mission_io.protocol.server": ("ListChanged", "MissionServer"),
     "mission_io.protocol.timing": ("Timing",),
     "mission_io.wire.codec": ("LinkStatistics",),
+    "mission_io.wire.messages": ("Address",),
     "mission_io.wire.signing": ("SigningKey",),
 }  # fmt: skip
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}

@@ -3,11 +3,12 @@
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TypedDict, TypeVar
+from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot, MissionList, items_of, mission_list_of, mission_type_of
 from mission_io.autopilots.checks import check_for_autopilot
-from mission_io.client import commands, mission_control, transfer_outcome
+from mission_io.autopilots.comparison import compare_items
+from mission_io.client import commands, mission_control
 from mission_io.client.connection import Connection
 from mission_io.client.peers import two_in_one
 from mission_io.client.running import Carry, Progress, Stop, run
@@ -19,8 +20,8 @@ from mission_io.client.transfer_outcome import (
     failure,
     held_as_read,
     held_by_design,
+    items_on_card,
     list_name,
-    read_back,
 )
 from mission_io.clock import Clock
 from mission_io.errors import (
@@ -38,7 +39,7 @@ from mission_io.links.opening import Link
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.download import Download, DownloadState
-from mission_io.protocol.exchange import Address, Clear, ClearState
+from mission_io.protocol.exchange import Clear, ClearState, ExchangeOptions
 from mission_io.protocol.mission_control import ItemProgress
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.terrain import TerrainAnswers
@@ -49,16 +50,6 @@ from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamV
 
 MessageT = TypeVar("MessageT", bound=Message)
 _log = logging.getLogger(__name__)
-
-
-class _Terms(TypedDict):
-    """The arguments common to all exchanges."""
-
-    local: Address
-    vehicle: Address
-    timing: Timing
-    patience: Patience
-    now: float
 
 
 class Client(Connection):
@@ -119,7 +110,7 @@ class Client(Connection):
         """
         self._refuse_armed("upload", in_flight=in_flight)
         self.transferred.pop(mission_type, None)
-        upload = Upload(items, mission_type=mission_type, **self._terms())
+        upload = Upload(items, **self.exchange_options(mission_type))
         interrupted = self._run(upload, lambda: (upload.across_count, len(items)), progress, stop)
         if upload.state is UploadState.ACCEPTED:
             self.transferred[mission_type] = TransferredList(len(items), upload.list_id)
@@ -146,7 +137,7 @@ class Client(Connection):
         autopilot = self.known_autopilot
         any_order = autopilot is not None and autopilot.download_blocks_s == 0.0
         in_order = autopilot is not None and not any_order
-        download = Download(mission_type=mission_type, any_order=any_order, in_order=in_order, **self._terms())
+        download = Download(any_order=any_order, in_order=in_order, **self.exchange_options(mission_type))
         interrupted = self._run(download, lambda: (download.received_count, download.count), progress, stop)
         if download.state is DownloadState.DONE:
             self.transferred[mission_type] = TransferredList(download.received_count, download.list_id)
@@ -235,7 +226,13 @@ class Client(Connection):
 
     def ask_item_limit(self, *, timeout_s: float = CALLS.item_limit_s) -> int | None:
         """The number of mission items the vehicle accepts, home included; None without an answer within ``timeout_s``."""
-        return transfer_outcome.ask_item_limit(self, self.vehicle.autopilot, timeout_s=timeout_s)
+        card_parameter = self.vehicle.autopilot.card_parameter
+        if card_parameter is None:
+            return None
+        try:
+            return items_on_card(self.read_parameter(card_parameter, timeout_s=timeout_s).value)
+        except VehicleSilentError:  # a vehicle without a card slot gives no answer
+            return None
 
     def download_list(
         self, mission_type: MissionType, *, progress: Progress | None = None, stop: Stop | None = None
@@ -300,15 +297,12 @@ class Client(Connection):
 
     # Running transfers, and the meaning of their outcomes.
 
-    def _terms(self) -> _Terms:
-        """The common arguments of an exchange with the vehicle."""
-        return _Terms(
-            local=self.local,
-            vehicle=self.vehicle.address,
-            timing=self.timing,
-            patience=self.patience,
-            now=self.clock.now(),
-        )
+    def exchange_options(self, mission_type: MissionType) -> ExchangeOptions:
+        """The arguments of an exchange with the vehicle."""
+        return ExchangeOptions(
+            mission_type=mission_type, local=self.local, vehicle=self.vehicle.address, now=self.clock.now(),
+            timing=self.timing, patience=self.patience,
+        )  # fmt: skip
 
     def _run(
         self,
@@ -339,7 +333,7 @@ class Client(Connection):
                 self.patience = exchange.patience
 
     def _clear_once(self, mission_type: MissionType) -> None:
-        clear = Clear(mission_type=mission_type, **self._terms())
+        clear = Clear(**self.exchange_options(mission_type))
         self._run(clear, lambda: (0, None), None, None)
         if clear.state is ClearState.CLEARED:
             return
@@ -366,7 +360,17 @@ class Client(Connection):
         autopilot: Autopilot,
         stop: Stop | None = None,
     ) -> ReadBack:
-        return read_back(lambda: self.download(mission_type, stop=stop), self._wait, mission_type, items, autopilot)
+        """Compare what the vehicle holds with what was sent; read once more when it differs.
+
+        PX4 returned the previous list once in 60 times when it was read immediately.
+        """
+        received = self.download(mission_type, stop=stop)
+        differences = compare_items(items, received, autopilot, mission_type)
+        if not all(difference.acceptable for difference in differences):
+            self._wait(TRANSFERS.stale_read_back_s)
+            received = self.download(mission_type, stop=stop)
+            differences = compare_items(items, received, autopilot, mission_type)
+        return ReadBack(mission_type, autopilot.name, tuple(items), received, differences)
 
     def _upload_failure(self, upload: Upload, items: Sequence[MissionItem]) -> TransferError:
         """The error for an upload that was not acknowledged, with what the vehicle holds now."""

@@ -26,13 +26,10 @@ def send_command(connection: Connection, command: int, params: tuple[float, ...]
     if len(params) > 7:
         raise MisuseError(f"command {name_of(command)} has {len(params)} parameters; the maximum is 7")
     p1, p2, p3, p4, p5, p6, p7 = (*params, *(0.0,) * (7 - len(params)))
-    to = connection.vehicle
+    to = connection.vehicle.address
 
     def send(attempt: int) -> None:
-        message = m.CommandLong(
-            to.system_id, to.component_id, command, (p1, p2, p3, p4, p5, p6, p7), confirmation=min(attempt, 255)
-        )
-        connection.send(message)
+        connection.send(m.CommandLong(*to, command, (p1, p2, p3, p4, p5, p6, p7), confirmation=min(attempt, 255)))
 
     return _await_answer(connection, command, send, timeout_s)
 
@@ -131,21 +128,13 @@ def request_message(connection: Connection, kind: type[MessageT], *, timeout_s: 
     def ask(attempt: int) -> None:
         connection.send(message_question(to, kind, attempt))
 
-    found: list[MessageT] = []
-
-    def is_it(received: m.Received) -> bool:
-        if isinstance(received.message, kind):
-            found.append(received.message)
-        return bool(found)
-
-    connection.wait_until(is_it, timeout_s=timeout_s, what=f"a {kind.__name__}", again=ask, again_s=CALLS.resend_s)
-    return found[0]
+    return _await_message(connection, kind, lambda _: True, ask, timeout_s=timeout_s, what=f"a {kind.__name__}")
 
 
 def message_question(to: VehicleInfo, kind: type[MessageT], attempt: int = 0) -> m.CommandLong:
     """The command that requests a message of a kind once."""
     params = (float(message_id(kind)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return m.CommandLong(to.system_id, to.component_id, Command.REQUEST_MESSAGE, params, confirmation=min(attempt, 255))
+    return m.CommandLong(*to.address, Command.REQUEST_MESSAGE, params, confirmation=min(attempt, 255))
 
 
 def read_parameter(connection: Connection, name: str, *, timeout_s: float) -> m.ParamValue:
@@ -154,8 +143,7 @@ def read_parameter(connection: Connection, name: str, *, timeout_s: float) -> m.
     Raises:
         VehicleSilentError: no answer within ``timeout_s`` seconds, as for a parameter that does not exist.
     """
-    to = connection.vehicle
-    ask = m.ParamRequestRead(to.system_id, to.component_id, name)
+    ask = m.ParamRequestRead(*connection.vehicle.address, name)
     return _await_parameter(connection, name, ask, timeout_s)
 
 
@@ -168,8 +156,7 @@ def set_parameter(
         MisuseError: the vehicle answered with another value than the 32-bit float nearest to ``value``.
         VehicleSilentError: no answer within ``timeout_s`` seconds, as for a parameter that does not exist.
     """
-    to = connection.vehicle
-    ask = m.ParamSet(to.system_id, to.component_id, name, value, param_type)
+    ask = m.ParamSet(*connection.vehicle.address, name, value, param_type)
     answer = _await_parameter(connection, name, ask, timeout_s)
     if answer.value != float32(value):
         raise MisuseError(f"{name} is {answer.value:g} after it was set to {value:g}; the vehicle limits or refuses it")
@@ -179,20 +166,30 @@ def set_parameter(
 def _await_parameter(
     connection: Connection, name: str, ask: m.ParamRequestRead | m.ParamSet, timeout_s: float
 ) -> m.ParamValue:
-    found: list[m.ParamValue] = []
+    return _await_message(
+        connection, m.ParamValue, lambda value: value.name == name, lambda _: connection.send(ask),
+        timeout_s=timeout_s, what=f"parameter {name}",
+    )  # fmt: skip
+
+
+def _await_message(
+    connection: Connection,
+    kind: type[MessageT],
+    accept: Callable[[MessageT], bool],
+    ask: Callable[[int], None],
+    *,
+    timeout_s: float,
+    what: str,
+) -> MessageT:
+    """Ask, again after each silence, until a message of a kind comes that ``accept`` takes; it."""
+    found: list[MessageT] = []
 
     def is_it(received: m.Received) -> bool:
-        if isinstance(received.message, m.ParamValue) and received.message.name == name:
+        if isinstance(received.message, kind) and accept(received.message):
             found.append(received.message)
         return bool(found)
 
-    connection.wait_until(
-        is_it,
-        timeout_s=timeout_s,
-        what=f"parameter {name}",
-        again=lambda _: connection.send(ask),
-        again_s=CALLS.resend_s,
-    )
+    connection.wait_until(is_it, timeout_s=timeout_s, what=what, again=ask, again_s=CALLS.resend_s)
     return found[0]
 
 

@@ -13,11 +13,10 @@ from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledErro
 from mission_io.links.base import Closing
 from mission_io.links.opening import Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.timing import RateLimit
 from mission_io.protocol.tuning import CALLS
 from mission_io.wire.codec import Codec, LinkStatistics
-from mission_io.wire.messages import Heartbeat, Message, Received, TimeSync, is_for
+from mission_io.wire.messages import Address, Heartbeat, Message, Received, TimeSync, is_for
 from mission_io.wire.signing import Signing, SigningKey, TimestampFile, TimestampStore, UnsavedTimestamps
 
 __all__ = ["Connection", "VehicleInfo"]
@@ -195,7 +194,7 @@ class Connection(Closing):
             MisuseError: the vehicle's system id is our own, or two vehicles share the same ids.
         """
         if system_id is None and component_id is None and self._vehicle is not None:
-            system_id, component_id = self._vehicle.system_id, self._vehicle.component_id
+            system_id, component_id = self._vehicle.address
         elif isinstance(self.link, PeerLink):
             self.link.let_go()
         deadline = self.clock.now() + timeout_s
@@ -224,12 +223,12 @@ class Connection(Closing):
             )
         self._vehicle, self._heard_at = chosen, self.clock.now()
         if isinstance(self.link, PeerLink):
-            self.link.keep_to(chosen.system_id, chosen.component_id)
+            self.link.keep_to(*chosen.address)
         self._agree_on_version(received)
         settled = received.mavlink_version >= 2 or self.codec.version == 1
         while not settled and self.clock.now() < deadline:
             for received in self.next_messages(deadline):
-                if _sender(received) == chosen.address:
+                if received.sender == chosen.address:
                     settled = settled or received.mavlink_version >= 2 or self.codec.version == 1
         if not settled:
             self.codec.version = 1
@@ -284,7 +283,7 @@ class Connection(Closing):
                 again(attempt)
                 attempt, ask_at = attempt + 1, self.clock.now() + again_s
             for received in self.next_messages(min(deadline, ask_at) if again is not None else deadline):
-                if _sender(received) == vehicle.address and done(received):
+                if received.sender == vehicle.address and done(received):
                     return received
         raise VehicleSilentError(
             f"vehicle {vehicle.system_id} did not send {what} within {timeout_s:g} s{self.signing_advice()}"
@@ -352,7 +351,7 @@ class Connection(Closing):
         ours: list[Received] = []
         for received in self.codec.decode(data):
             beat = self.peers.take(received)
-            if self._vehicle is not None and _sender(received) == self._vehicle.address:
+            if self._vehicle is not None and received.sender == self._vehicle.address:
                 self._agree_on_version(received)
                 if beat is not None and self._vehicle.may_become(beat):
                     self._vehicle, self._heard_at = beat, now
@@ -380,9 +379,5 @@ class Connection(Closing):
         """Use the newest MAVLink version the vehicle speaks."""
         if received.mavlink_version >= 2:
             self.codec.version = 2
-        elif self.peers.speaks_only_1(_sender(received)):
+        elif self.peers.speaks_only_1(received.sender):
             self.codec.version = 1
-
-
-def _sender(received: Received) -> Address:
-    return Address(received.system_id, received.component_id)

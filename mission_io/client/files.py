@@ -1,22 +1,102 @@
 """Files of a vehicle over MAVLink FTP: sent and read with a window, resumed, and compared by their CRC."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Generic, TypeVar
 
 from mission_io.autopilots.autopilot import MissionList
 from mission_io.client.client import Client
 from mission_io.client.transfer_outcome import ReadBack
-from mission_io.errors import FormatError, MisuseError, TransferCancelledError, TransferError, TransferSilentError
+from mission_io.errors import (
+    FormatError,
+    MisuseError,
+    TransferCancelledError,
+    TransferError,
+    TransferSilentError,
+    VehicleHolds,
+)
 from mission_io.formats.mission_dat import dat_path, read_mission_dat, write_mission_dat
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.ftp import FtpEntry, FtpListing, FtpListingState, FtpMessage
-from mission_io.protocol.ftp_download import FtpDownload, FtpDownloadState
-from mission_io.protocol.ftp_upload import FtpUpload, FtpUploadState
+from mission_io.protocol.ftp import FtpState, FtpTransfer
+from mission_io.protocol.ftp_download import FtpDownload, FtpEntry, FtpListing
+from mission_io.protocol.ftp_upload import FtpUpload
 from mission_io.protocol.tuning import CALLS
-from mission_io.wire.messages import FileTransfer, Received
+from mission_io.wire.messages import Address, FileTransfer, Received
+
+TransferT = TypeVar("TransferT", bound=FtpTransfer)
 
 
-class FileUploads:
+class _Files(Generic[TransferT]):
+    """Carries transfers one at a time, and keeps the interrupted ones."""
+
+    def __init__(self, client: Client, *, window: int = CALLS.ardupilot_window, silent_s: float = 30.0) -> None:
+        if window < 1 or not silent_s > 0.0:
+            raise MisuseError(f"window {window} and silent_s {silent_s} must be above 0")
+        self._client, self._window, self._silent_s = client, window, silent_s
+        self._unfinished: dict[str, TransferT] = {}
+
+    def _carry(
+        self,
+        transfer: FtpTransfer,
+        name: str,
+        done: Callable[[], tuple[int, int]],
+        *,
+        progress: Callable[[int, int], None] | None = None,
+        stop: Callable[[], bool] | None = None,
+    ) -> None:
+        """Run a transfer to its end.
+
+        Raises:
+            TransferCancelledError: ``stop`` returned True.
+        """
+        client = self._client
+        pump = _Pump(transfer, client.vehicle.address)
+        client.services.append(pump)
+        reported = (-1, -1)
+        try:
+            while not transfer.finished:
+                if stop is not None and stop():
+                    across, total = done()
+                    raise TransferCancelledError(
+                        f"{name}: stopped after {across} of {total} bytes", vehicle_holds="unknown"
+                    )
+                wake = transfer.next_timer()
+                client.poll(0.0 if wake is None else min(1.0, max(0.0, wake - client.clock.now())))
+                if progress is not None and done() != reported:
+                    reported = done()
+                    progress(*reported)
+        finally:
+            client.services.remove(pump)
+
+    def _check_done(self, transfer: FtpTransfer, name: str, how_far: str, vehicle_holds: VehicleHolds) -> None:
+        """Nothing for a transfer that is done; the error for another end."""
+        if transfer.state is FtpState.DONE:
+            return
+        kind = TransferSilentError if transfer.state is FtpState.SILENT else TransferError
+        text = f"{name}: {transfer.state.value} ({transfer.why}){how_far}{self._client.signing_advice()}"
+        raise kind(text, vehicle_holds=vehicle_holds)
+
+
+class _Pump:
+    """A transfer as a service of a connection."""
+
+    def __init__(self, transfer: FtpTransfer, to: Address) -> None:
+        self._transfer, self._to = transfer, to
+
+    def receive(self, received: Received, now: float) -> None:
+        """Take an answer of the vehicle."""
+        if isinstance(received.message, FileTransfer) and received.sender == self._to:
+            self._transfer.receive(received.message.payload, now)
+
+    def messages_to_send(self, now: float) -> list[FileTransfer]:
+        """The requests that are due."""
+        return [FileTransfer(*self._to, message.encoded()) for message in self._transfer.messages_to_send(now)]
+
+    def next_timer(self) -> float | None:
+        """When the next is due."""
+        return self._transfer.next_timer()
+
+
+class FileUploads(_Files[FtpUpload]):
     """Uploads files to the vehicle of a client; an interrupted one continues where it stopped.
 
     Args:
@@ -24,12 +104,6 @@ class FileUploads:
         window: Requests on the way at once.
         silent_s: Silence after which an upload is given up.
     """
-
-    def __init__(self, client: Client, *, window: int = CALLS.ardupilot_window, silent_s: float = 30.0) -> None:
-        if window < 1 or not silent_s > 0.0:
-            raise MisuseError(f"window {window} and silent_s {silent_s} must be above 0")
-        self._client, self._window, self._silent_s = client, window, silent_s
-        self._unfinished: dict[str, FtpUpload] = {}
 
     def upload(
         self,
@@ -52,9 +126,8 @@ class FileUploads:
             TransferCancelledError: ``stop`` returned True.
             TransferError: the vehicle refused, or what arrived has another CRC.
         """
-        client = self._client
         upload = FtpUpload(
-            path, content, now=client.clock.now(), window=self._window, silent_s=self._silent_s,
+            path, content, now=self._client.clock.now(), window=self._window, silent_s=self._silent_s,
             resume=self._unfinished.get(path),
         )  # fmt: skip
         self._unfinished[path] = upload
@@ -100,21 +173,12 @@ class FileUploads:
     def _run(
         self, upload: FtpUpload, progress: Callable[[int, int], None] | None, stop: Callable[[], bool] | None
     ) -> None:
-        path, size = upload.path, len(upload.content)
-        _carry(
-            self._client, upload, f"upload of {path}", lambda: (upload.across_bytes, size), progress=progress, stop=stop
-        )
-        if upload.state is FtpUploadState.DONE:
-            return
-        kind = TransferSilentError if upload.state is FtpUploadState.SILENT else TransferError
-        raise kind(
-            f"upload of {path}: {upload.state.value} ({upload.why}) after {upload.across_bytes} of {size} bytes"
-            f"{self._client.signing_advice()}",
-            vehicle_holds="unknown",
-        )
+        name, size = f"upload of {upload.path}", len(upload.content)
+        self._carry(upload, name, lambda: (upload.across_bytes, size), progress=progress, stop=stop)
+        self._check_done(upload, name, f" after {upload.across_bytes} of {size} bytes", "unknown")
 
 
-class FileDownloads:
+class FileDownloads(_Files[FtpDownload]):
     """Lists folders of a client's vehicle and downloads files; an interrupted download continues where it stopped.
 
     Args:
@@ -123,12 +187,6 @@ class FileDownloads:
         silent_s: Time without new data after which a download is given up.
     """
 
-    def __init__(self, client: Client, *, window: int = CALLS.ardupilot_window, silent_s: float = 30.0) -> None:
-        if window < 1 or not silent_s > 0.0:
-            raise MisuseError(f"window {window} and silent_s {silent_s} must be above 0")
-        self._client, self._window, self._silent_s = client, window, silent_s
-        self._unfinished: dict[str, FtpDownload] = {}
-
     def entries(self, path: str) -> list[FtpEntry]:
         """Entries of a folder: folders first, by name.
 
@@ -136,16 +194,10 @@ class FileDownloads:
             TransferSilentError: the vehicle stopped answering.
             TransferError: the vehicle refused, or its answers make no sense.
         """
-        client = self._client
-        listing = FtpListing(path, now=client.clock.now(), silent_s=self._silent_s)
-        _carry(client, listing, f"list of {path}", lambda: (0, 0))
-        if listing.state is FtpListingState.DONE:
-            return listing.entries
-        kind = TransferSilentError if listing.state is FtpListingState.SILENT else TransferError
-        raise kind(
-            f"list of {path}: {listing.state.value} ({listing.why}){client.signing_advice()}",
-            vehicle_holds="unchanged",
-        )
+        listing = FtpListing(path, now=self._client.clock.now(), silent_s=self._silent_s)
+        self._carry(listing, f"list of {path}", lambda: (0, 0))
+        self._check_done(listing, f"list of {path}", "", "unchanged")
+        return listing.entries
 
     def download(
         self,
@@ -166,27 +218,18 @@ class FileDownloads:
             TransferCancelledError: ``stop`` returned True.
             TransferError: the vehicle refused, or what arrived has another CRC.
         """
-        client = self._client
         download = FtpDownload(
-            path, now=client.clock.now(), window=self._window, silent_s=self._silent_s,
+            path, now=self._client.clock.now(), window=self._window, silent_s=self._silent_s,
             resume=self._unfinished.get(path),
         )  # fmt: skip
         self._unfinished[path] = download
-
-        def done() -> tuple[int, int]:
-            return download.across_bytes, download.total_bytes
-
-        _carry(client, download, f"download of {path}", done, progress=progress, stop=stop)
-        if download.state in (FtpDownloadState.DONE, FtpDownloadState.DIFFERS):
+        name = f"download of {path}"
+        self._carry(download, name, lambda: (download.across_bytes, download.total_bytes), progress=progress, stop=stop)
+        if download.state in (FtpState.DONE, FtpState.DIFFERS):
             del self._unfinished[path]
-        if download.state is FtpDownloadState.DONE:
-            return download.content
-        kind = TransferSilentError if download.state is FtpDownloadState.SILENT else TransferError
-        raise kind(
-            f"download of {path}: {download.state.value} ({download.why}) after {download.across_bytes} of "
-            f"{download.total_bytes} bytes{client.signing_advice()}",
-            vehicle_holds="unchanged",
-        )
+        how_far = f" after {download.across_bytes} of {download.total_bytes} bytes"
+        self._check_done(download, name, how_far, "unchanged")
+        return download.content
 
     def mission_items(
         self, mission_type: MissionType, *, progress: Callable[[int, int], None] | None = None
@@ -203,72 +246,3 @@ class FileDownloads:
             return read_mission_dat(content, mission_type)
         except FormatError as error:
             raise FormatError(error.what, where=error.where or path, advice=error.advice) from None
-
-
-class _Transfer(Protocol):
-    """The common interface of uploads, downloads and listings."""
-
-    path: str
-
-    @property
-    def finished(self) -> bool: ...
-
-    def messages_to_send(self, now: float) -> list[FtpMessage]: ...
-
-    def next_timer(self) -> float | None: ...
-
-    def receive(self, payload: bytes, now: float) -> None: ...
-
-
-def _carry(
-    client: Client,
-    transfer: _Transfer,
-    name: str,
-    done: Callable[[], tuple[int, int]],
-    *,
-    progress: Callable[[int, int], None] | None = None,
-    stop: Callable[[], bool] | None = None,
-) -> None:
-    """Run a transfer to its end.
-
-    Raises:
-        TransferCancelledError: ``stop`` returned True.
-    """
-    pump = _Pump(transfer, client.vehicle.system_id, client.vehicle.component_id)
-    client.services.append(pump)
-    reported = (-1, -1)
-    try:
-        while not transfer.finished:
-            if stop is not None and stop():
-                across, total = done()
-                raise TransferCancelledError(
-                    f"{name}: stopped after {across} of {total} bytes", vehicle_holds="unknown"
-                )
-            wake = transfer.next_timer()
-            client.poll(0.0 if wake is None else min(1.0, max(0.0, wake - client.clock.now())))
-            if progress is not None and done() != reported:
-                reported = done()
-                progress(*reported)
-    finally:
-        client.services.remove(pump)
-
-
-class _Pump:
-    """A transfer as a service of a connection."""
-
-    def __init__(self, transfer: _Transfer, system_id: int, component_id: int) -> None:
-        self._transfer, self._to = transfer, (system_id, component_id)
-
-    def receive(self, received: Received, now: float) -> None:
-        """Take an answer of the vehicle."""
-        message = received.message
-        if isinstance(message, FileTransfer) and (received.system_id, received.component_id) == self._to:
-            self._transfer.receive(message.payload, now)
-
-    def messages_to_send(self, now: float) -> list[FileTransfer]:
-        """The requests that are due."""
-        return [FileTransfer(*self._to, message.encoded()) for message in self._transfer.messages_to_send(now)]
-
-    def next_timer(self) -> float | None:
-        """When the next is due."""
-        return self._transfer.next_timer()

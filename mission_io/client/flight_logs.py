@@ -16,7 +16,6 @@ def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tupl
     Raises:
         VehicleSilentError: the list was not complete within ``timeout_s`` seconds.
     """
-    to = connection.vehicle
     found: dict[int, LogEntry] = {}
     none = LogEntry(0, 0, 0, 0, 0)
     latest = none
@@ -36,7 +35,7 @@ def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tupl
         numbers = range(latest.last_log_id - latest.log_count + 1, latest.last_log_id + 1)
         missing = [number for number in numbers if number not in found] if found else []
         first, last = (missing[0], missing[-1]) if missing and missing[0] >= 0 else (0, 65535)
-        connection.send(LogRequestList(to.system_id, to.component_id, first, last))
+        connection.send(LogRequestList(*connection.vehicle.address, first, last))
 
     connection.wait_until(is_whole, timeout_s=timeout_s, what="its list of logs", again=ask, again_s=CALLS.list_again_s)
     return tuple(found[number] for number in sorted(found))

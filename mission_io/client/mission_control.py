@@ -1,5 +1,6 @@
 """Flying a mission that a vehicle holds: start, pause, go on, jump to an item, and follow it. Nothing here arms a vehicle."""
 
+import contextlib
 from collections.abc import Callable, Iterator
 
 from mission_io.autopilots.flight_modes import Mode, custom_mode
@@ -12,9 +13,6 @@ from mission_io.model.items import Command
 from mission_io.protocol.mission_control import ItemProgress, SetCurrent
 from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import MissionCurrent
-
-_BY_COMMAND = (Firmware.COPTER,)
-"""Firmwares that stop inside a mission at DO_PAUSE_CONTINUE; the others change to a mode that holds."""
 
 
 def set_current(connection: Connection, seq: int, *, timeout_s: float = 5.0) -> MissionCurrent:
@@ -93,10 +91,7 @@ def pause_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
         VehicleSilentError: no answer, or no heartbeat in that mode.
         MisuseError: an autopilot or a kind of vehicle whose modes are not known.
     """
-    autopilot = connection.vehicle.autopilot
-    if autopilot.firmware in _BY_COMMAND and _in_mission(connection) and _pause_inside(connection, 0.0, timeout_s):
-        return
-    commands.set_mode(connection, custom_mode(autopilot, Mode.HOLD), timeout_s=timeout_s)
+    _pause_or_continue(connection, 0.0, Mode.HOLD, timeout_s)
 
 
 def resume_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
@@ -107,24 +102,18 @@ def resume_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
     Raises:
         As ``pause_mission``.
     """
-    autopilot = connection.vehicle.autopilot
-    if autopilot.firmware in _BY_COMMAND and _in_mission(connection) and _pause_inside(connection, 1.0, timeout_s):
-        return
-    commands.set_mode(connection, custom_mode(autopilot, Mode.MISSION), timeout_s=timeout_s)
+    _pause_or_continue(connection, 1.0, Mode.MISSION, timeout_s)
 
 
-def _in_mission(connection: Connection) -> bool:
+def _pause_or_continue(connection: Connection, go_on: float, mode: Mode, timeout_s: float) -> None:
+    """DO_PAUSE_CONTINUE inside the mission of an ArduCopter; the mode for others, and where it refuses."""
     vehicle = connection.vehicle
-    return vehicle.custom_mode == custom_mode(vehicle.autopilot, Mode.MISSION)
-
-
-def _pause_inside(connection: Connection, go_on: float, timeout_s: float) -> bool:
-    """Whether the vehicle takes DO_PAUSE_CONTINUE."""
-    try:
-        commands.send_command(connection, Command.DO_PAUSE_CONTINUE, (go_on,), timeout_s=timeout_s)
-    except CommandRefusedError:
-        return False
-    return True
+    autopilot = vehicle.autopilot
+    if autopilot.firmware is Firmware.COPTER and vehicle.custom_mode == custom_mode(autopilot, Mode.MISSION):
+        with contextlib.suppress(CommandRefusedError):
+            commands.send_command(connection, Command.DO_PAUSE_CONTINUE, (go_on,), timeout_s=timeout_s)
+            return
+    commands.set_mode(connection, custom_mode(autopilot, mode), timeout_s=timeout_s)
 
 
 def follow_mission(
@@ -152,7 +141,7 @@ def follow_mission(
             heard_at = now
             connection.send(commands.message_question(vehicle, MissionCurrent))
         for received in connection.poll(CALLS.poll_s):
-            if (received.system_id, received.component_id) != (vehicle.system_id, vehicle.component_id):
+            if received.sender != vehicle.address:
                 continue
             if isinstance(received.message, MissionCurrent):
                 heard_at = connection.clock.now()

@@ -7,11 +7,10 @@ from mission_io.client.client import Client
 from mission_io.client.running import Progress, Stop, run
 from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentError, WaitCancelledError
 from mission_io.model.enums import AutopilotId
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.parameter_values import PARAM_ENCODE_BYTEWISE, PARAM_ENCODE_C_CAST, Parameter, Value
 from mission_io.protocol.parameters import ParameterDownload, ParameterMessages, ParameterReads, ParameterWrites
 from mission_io.protocol.tuning import CALLS
-from mission_io.wire.messages import AutopilotVersion
+from mission_io.wire.messages import Address, AutopilotVersion
 
 
 class VehicleParameters:

@@ -53,16 +53,7 @@ def upload_part(
     mission = Mission(held.home, (*held.items[: first - 1], *items, *held.items[last:]))
 
     def carry(mission_type: MissionType, wire: Sequence[MissionItem]) -> None:
-        upload = Upload(
-            wire[first : last + 1],
-            mission_type=mission_type,
-            local=client.local,
-            vehicle=client.vehicle.address,
-            now=client.clock.now(),
-            timing=client.timing,
-            patience=client.patience,
-            first=first,
-        )
+        upload = Upload(wire[first : last + 1], first=first, **client.exchange_options(mission_type))
         run(client, upload, lambda: (upload.across_count, len(items)), progress=progress, stop=stop)
         if upload.state is not UploadState.ACCEPTED and upload.state not in PROVEN_BY_READING:
             how_far = f"after {upload.across_count} of {len(items)} items; read the mission to see which items it has"

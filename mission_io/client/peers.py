@@ -10,9 +10,8 @@ from typing import Final
 from mission_io.autopilots.autopilot import Autopilot, VehicleKind, autopilot_for, kind_of, type_name
 from mission_io.errors import AmbiguousVehicleError, MisuseError
 from mission_io.model.enums import AutopilotId, VehicleClass
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.tuning import CALLS
-from mission_io.wire.messages import Heartbeat, Received
+from mission_io.wire.messages import Address, Heartbeat, Received
 
 _log = logging.getLogger(__name__)
 
@@ -90,7 +89,7 @@ class Peers:
 
     def take(self, received: Received) -> VehicleInfo | None:
         """Process a message; returns the vehicle if it is a vehicle's heartbeat."""
-        sender = Address(received.system_id, received.component_id)
+        sender = received.sender
         if received.mavlink_version >= 2:
             self._old_heartbeats[sender] = 0
         elif isinstance(received.message, Heartbeat):
@@ -99,10 +98,7 @@ class Peers:
         vehicle = vehicle_of(received)
         if vehicle is not None:
             if self._vehicles and sender not in self._vehicles:
-                _log.warning(
-                    "vehicle %d (component %d) is on this link, too; choose by system id", sender.system_id,
-                    sender.component_id,
-                )  # fmt: skip
+                _log.warning("vehicle %d (component %d) is on this link, too; choose by system id", *sender)
             self._vehicles[sender] = vehicle
         return vehicle
 
@@ -116,8 +112,7 @@ class Peers:
             _log.warning(
                 "another sender on this link is system %d, component %d; this program is component %d of the same "
                 "system; vehicles may confuse the two: change the system id of one of them",
-                sender.system_id,
-                sender.component_id,
+                *sender,
                 self._local.component_id,
             )
 
@@ -132,13 +127,7 @@ def vehicle_of(received: Received) -> VehicleInfo | None:
     ):
         return None
     return VehicleInfo(
-        received.system_id,
-        received.component_id,
-        beat.autopilot,
-        beat.vehicle_type,
-        beat.armed,
-        beat.custom_mode,
-        beat.system_status,
+        *received.sender, beat.autopilot, beat.vehicle_type, beat.armed, beat.custom_mode, beat.system_status
     )
 
 
@@ -209,7 +198,7 @@ class VehicleChoice:
             return left[0]
         listed = "; ".join(
             f"system {vehicle.system_id}, component {vehicle.component_id} ({vehicle.described})"
-            for vehicle in sorted(left, key=lambda v: (v.system_id, v.component_id))
+            for vehicle in sorted(left, key=lambda v: v.address)
         )
         by = "--system" if len(systems) > 1 else "--component"
         raise AmbiguousVehicleError(

@@ -9,27 +9,23 @@ the board, and neither it nor PX4 states it; a list that is too long is answered
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.comparison import Difference, compare_items
-from mission_io.client import commands
-from mission_io.client.connection import Connection
 from mission_io.errors import (
     TransferCancelledError,
     TransferError,
     TransferSilentError,
     VehicleHolds,
-    VehicleSilentError,
 )
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Clear, ClearState
 from mission_io.protocol.tables import UploadState
-from mission_io.protocol.tuning import TRANSFERS
 from mission_io.protocol.upload import Upload
 
 # Reading an upload back: the sent and the received list, and every difference with its reason.
@@ -65,33 +61,6 @@ class ReadBack:
         }
 
 
-def read_back(
-    download: Callable[[], tuple[MissionItem, ...]],
-    wait: Callable[[float], None],
-    mission_type: MissionType,
-    items: Sequence[MissionItem],
-    autopilot: Autopilot,
-) -> ReadBack:
-    """Compare what the vehicle holds with what was sent; read once more when it differs.
-
-    PX4 returned the previous list once in 60 times when it was read immediately.
-
-    Args:
-        download: Reads the vehicle's list.
-        wait: Lets a number of seconds pass.
-        mission_type: Which list.
-        items: What was sent.
-        autopilot: Whose changes by design the comparison knows.
-    """
-    received = download()
-    differences = compare_items(items, received, autopilot, mission_type)
-    if not all(difference.acceptable for difference in differences):
-        wait(TRANSFERS.stale_read_back_s)
-        received = download()
-        differences = compare_items(items, received, autopilot, mission_type)
-    return ReadBack(mission_type, autopilot.name, tuple(items), received, differences)
-
-
 def _item_json(item: MissionItem) -> dict[str, Any]:
     return {
         "command": int(item.command),
@@ -113,23 +82,6 @@ class TransferredList(NamedTuple):
 
     item_count: int
     list_id: int
-
-
-def ask_item_limit(connection: Connection, autopilot: Autopilot, *, timeout_s: float) -> int | None:
-    """Ask the vehicle for its number of mission items, home included; None without an answer.
-
-    Args:
-        connection: A connection that has found the vehicle.
-        autopilot: Its autopilot.
-        timeout_s: How long to wait for an answer; a vehicle without a card slot gives none.
-    """
-    if autopilot.card_parameter is None:
-        return None
-    try:
-        size_kb = commands.read_parameter(connection, autopilot.card_parameter, timeout_s=timeout_s).value
-    except VehicleSilentError:
-        return None
-    return items_on_card(size_kb)
 
 
 def items_on_card(size_kb: float) -> int | None:

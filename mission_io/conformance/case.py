@@ -18,7 +18,13 @@ from mission_io.model.areas import (
     items_from_rally,
 )
 from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import degrees_on_wire
+
+REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
+ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
+PROTOCOL: Final = (m.MissionCount, *REQUESTS, *ITEMS, m.MissionAck)
+"""What a vehicle says in the mission protocol."""
 
 # The sections of the MAVLink mission guide that the cases quote by name, with their addresses.
 

@@ -6,14 +6,13 @@ from typing import Any, Final
 
 from mission_io.conformance import judges as j
 from mission_io.conformance import tricks as t
-from mission_io.conformance.case import LIST_NAMES, Section
+from mission_io.conformance.case import ITEMS, LIST_NAMES, REQUESTS, Section
 from mission_io.conformance.evidence import ClientCase, Operation
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 
 _UP, _DOWN, _CLEAR, _SET = Operation.UPLOAD, Operation.DOWNLOAD, Operation.CLEAR, Operation.SET_CURRENT
-_ITEMS, _REQUESTS = (m.MissionItemInt, m.MissionItemFloat), (m.MissionRequest, m.MissionRequestInt)
 _RESENT: Final = "a message without an answer is sent again"
 _GIVEN_UP: Final = "after some retries the operation is cancelled"
 _ERROR: Final = "an error is unrecoverable: both sides go idle"
@@ -40,18 +39,9 @@ def _typed(
     name: str, operation: Operation, section: Section, says: str, like: tuple[str, ...], *judge: j.Judge
 ) -> list[ClientCase]:
     return [
-        _case(
-            f"{name}-{LIST_NAMES[it].split()[0]}",
-            operation,
-            says,
-            section,
-            t.Trick,
-            *judge,
-            like=like,
-            mission_type=it,
-        )
+        _case(f"{name}-{LIST_NAMES[it].split()[0]}", operation, says, section, t.Trick, *judge, like=like, mission_type=it)
         for it in MissionType
-    ]
+    ]  # fmt: skip
 
 
 _NACKS: Final = [result for result in MissionResult if result is not MissionResult.ACCEPTED]
@@ -66,7 +56,7 @@ UPLOADS: Final[tuple[ClientCase, ...]] = (
     ),
     _case("upload-int-frames", _UP, "frames whose names end in INT", Section.FRAMES, t.Trick, j.completes, j.int_frames),
     _case("upload-only-asked", _UP, "a request is answered with that item", Section.UPLOAD,
-          lambda: t.Late(_REQUESTS, 0.05), j.completes, j.only_what_is_asked),
+          lambda: t.late(REQUESTS, 0.05), j.completes, j.only_what_is_asked),
     _case("upload-empty", Operation.EMPTY, "COUNT 0 has the effect of a clear", Section.UPLOAD, t.Trick, j.holds_nothing,
           like=("UploadMissionDoesComplainAboutNoItems",)),
     _case("upload-count-lost", _UP, _RESENT, Section.TIMEOUTS, lambda: t.Deaf((m.MissionCount,), 1),
@@ -74,19 +64,19 @@ UPLOADS: Final[tuple[ClientCase, ...]] = (
     _case("upload-no-answer", _UP, _GIVEN_UP, Section.TIMEOUTS, lambda: t.Deaf((m.MissionCount,)), j.gives_up,
           like=("UploadMissionTimeoutAfterSendCount",)),
     _case("upload-items-lost", _UP, "an item is sent again at a repeated request", Section.UPLOAD,
-          lambda: t.EachOnceDeaf(_ITEMS), j.completes, like=("UploadMissionResendsMissionItems",)),
-    _case("upload-requests-lost", _UP, "the vehicle asks again", Section.TIMEOUTS, lambda: t.Mute(_REQUESTS, 3, 1),
-          j.completes),
-    _case("upload-asked-for-ever", _UP, _GIVEN_UP, Section.TIMEOUTS, lambda: t.Deaf(_ITEMS), j.gives_up,
+          lambda: t.EachOnceDeaf(ITEMS), j.completes, like=("UploadMissionResendsMissionItems",)),
+    _case("upload-requests-lost", _UP, "the vehicle asks again", Section.TIMEOUTS,
+          lambda: t.Instead(t.is_request(1), lambda _: [], 3), j.completes),
+    _case("upload-asked-for-ever", _UP, _GIVEN_UP, Section.TIMEOUTS, lambda: t.Deaf(ITEMS), j.gives_up,
           like=("UploadMissionResendsMissionItemsButGivesUpAfterSomeRetries",)),
     _case("upload-silence", _UP, _GIVEN_UP, Section.TIMEOUTS,
           lambda: t.FallsSilent(1), j.gives_up,
           like=("UploadMissionTimeoutAfterSendMissionItem",)),
     _case("upload-reboot", _UP, "back to idle when the other side falls silent", Section.TIMEOUTS,
           lambda: t.FallsSilent(1, 3.0), j.ends),
-    _case("upload-slow", _UP, "time-outs are not errors", Section.ERRORS, lambda: t.Late(_REQUESTS, 0.8), j.completes,
+    _case("upload-slow", _UP, "time-outs are not errors", Section.ERRORS, lambda: t.late(REQUESTS, 0.8), j.completes,
           like=("UploadMissionTimeoutNotTriggeredDuringTransfer",)),
-    _case("upload-twice", _UP, "messages may arrive twice", Section.TIMEOUTS, lambda: t.Again((*_REQUESTS, m.MissionAck), 2),
+    _case("upload-twice", _UP, "messages may arrive twice", Section.TIMEOUTS, lambda: t.again((*REQUESTS, m.MissionAck), 2),
           j.completes),
     _case("upload-lossy", _UP, "the protocol is for lossy links", Section.MESSAGES, lambda: t.Loses(0.2), j.completes),
     _case("upload-early-ack", _UP, "the ACK follows the last item", Section.UPLOAD,
@@ -108,7 +98,7 @@ UPLOADS: Final[tuple[ClientCase, ...]] = (
     _case("upload-other-list-ack", _UP, "each list has its own operations", Section.TYPES,
           lambda: t.before(t.is_request(1), lambda it: t.Said(t.of_other_list(_ack(it)))), j.completes),
     _case("upload-other-list-request", _UP, "each list has its own operations", Section.TYPES,
-          lambda: t.before(t.is_request(1), lambda it: t.Said(t.of_other_list(it))), j.no_item_for(of_list=True), j.completes),
+          lambda: t.before(t.is_request(1), lambda it: t.Said(t.of_other_list(it))), j.no_item_of_another_list, j.completes),
     _case("upload-other-station-ack", _UP, _ITS_OWN, Section.ROUTING,
           lambda: t.before(t.is_request(1), lambda it: t.Said(t.to_other_station(_ack(it, MissionResult.INVALID)))), j.completes),
     _case("upload-other-vehicle-ack", _UP, "a vehicle answers only for itself", Section.ROUTING,
@@ -129,7 +119,7 @@ UPLOADS: Final[tuple[ClientCase, ...]] = (
         for result in _NACKS
     ),
     _case("upload-cancel", Operation.CANCEL_UPLOAD, "a request is answered OPERATION_CANCELLED", Section.CANCEL,
-          lambda: t.Late(_REQUESTS, 0.5), j.cancels, like=("UploadMissionCanBeCancelled",)),
+          lambda: t.late(REQUESTS, 0.5), j.cancels, like=("UploadMissionCanBeCancelled",)),
 )  # fmt: skip
 
 DOWNLOADS: Final[tuple[ClientCase, ...]] = (
@@ -145,33 +135,33 @@ DOWNLOADS: Final[tuple[ClientCase, ...]] = (
           j.again(m.MissionRequestList), j.completes, like=("DownloadMissionResendsRequestList",)),
     _case("download-no-answer", _DOWN, _GIVEN_UP, Section.TIMEOUTS, lambda: t.Deaf((m.MissionRequestList,)), j.gives_up,
           like=("DownloadMissionResendsRequestListButGivesUpAfterSomeRetries",)),
-    _case("download-items-lost", _DOWN, _RESENT, Section.TIMEOUTS, lambda: t.EachOnceDeaf(_REQUESTS),
-          j.again(*reversed(_REQUESTS), seq=0), j.completes),
-    _case("download-silence", _DOWN, _GIVEN_UP, Section.TIMEOUTS, lambda: t.Deaf(_REQUESTS), j.gives_up,
+    _case("download-items-lost", _DOWN, _RESENT, Section.TIMEOUTS, lambda: t.EachOnceDeaf(REQUESTS),
+          j.again(*reversed(REQUESTS), seq=0), j.completes),
+    _case("download-silence", _DOWN, _GIVEN_UP, Section.TIMEOUTS, lambda: t.Deaf(REQUESTS), j.gives_up,
           like=("DownloadMissionResendsMissionRequestsAndTimesOutEventually",)),
     _case("download-second-item-lost", _DOWN, "each request has its own retries", Section.TIMEOUTS,
-          lambda: t.Deaf(_REQUESTS, 3, 1), j.again(*reversed(_REQUESTS), times=4, seq=1), j.completes,
+          lambda: t.Deaf(REQUESTS, 3, 1), j.again(*reversed(REQUESTS), times=4, seq=1), j.completes,
           like=("DownloadMissionResendsRequestItemAgainForSecondItem",)),
-    _case("download-twice", _DOWN, "items may arrive twice", Section.TIMEOUTS, lambda: t.Again(_ITEMS, 3), j.completes,
+    _case("download-twice", _DOWN, "items may arrive twice", Section.TIMEOUTS, lambda: t.again(ITEMS, 3), j.completes,
           like=("DownloadMissionDoesntHaveDuplicates",)),
     _case("download-empty", _DOWN, "all operations end with an ACK", Section.ERRORS,
           lambda: t.Instead(lambda it: isinstance(it, m.MissionCount), lambda it: [t.Said(replace(it, count=0))]), j.thanks,
           like=("DownloadMissionEmptyList",)),
-    _case("download-slow", _DOWN, "time-outs are not errors", Section.ERRORS, lambda: t.Late(_ITEMS, 0.8), j.completes,
+    _case("download-slow", _DOWN, "time-outs are not errors", Section.ERRORS, lambda: t.late(ITEMS, 0.8), j.completes,
           like=("DownloadMissionTimeoutNotTriggeredDuringTransfer",)),
     _case("download-lossy", _DOWN, "the protocol is for lossy links", Section.MESSAGES, lambda: t.Loses(0.2), j.completes),
     _case("download-out-of-order", _DOWN, _DROPPED, Section.DOWNLOAD,
           lambda: t.Instead(t.is_item(0), lambda it: [t.Said(replace(it, seq=2))], 1),
-          j.again(*reversed(_REQUESTS), seq=0), j.completes),
+          j.again(*reversed(REQUESTS), seq=0), j.completes),
     _case("download-other-list", _DOWN, _DROPPED, Section.TYPES,
           lambda: t.Instead(t.is_item(0), lambda it: [t.Said(t.of_other_list(it))], 1),
-          j.again(*reversed(_REQUESTS), seq=0), j.completes),
+          j.again(*reversed(REQUESTS), seq=0), j.completes),
     _case("download-other-station", _DOWN, _ITS_OWN, Section.ROUTING,
           lambda: t.Instead(t.is_item(0), lambda it: [t.Said(t.to_other_station(it))], 1),
-          j.again(*reversed(_REQUESTS), seq=0), j.completes),
+          j.again(*reversed(REQUESTS), seq=0), j.completes),
     _case("download-other-vehicle", _DOWN, "a vehicle answers only for itself", Section.ROUTING,
           lambda: t.Instead(t.is_item(0), lambda it: [t.Said(it, sender=t.OTHER_VEHICLE)], 1),
-          j.again(*reversed(_REQUESTS), seq=0), j.completes),
+          j.again(*reversed(REQUESTS), seq=0), j.completes),
     _case("download-error-at-list", _DOWN, _ERROR, Section.ERRORS,
           lambda: t.Instead(lambda it: isinstance(it, m.MissionCount), lambda it: [t.Said(_ack(it, MissionResult.DENIED))]),
           j.stops_at(MissionResult.DENIED)),
@@ -190,7 +180,7 @@ DOWNLOADS: Final[tuple[ClientCase, ...]] = (
           lambda: t.Instead(lambda it: isinstance(it, m.MissionCount), lambda it: [t.Said(replace(it, opaque_id=0xDEADBEEF))]),
           j.completes),
     _case("download-cancel", Operation.CANCEL_DOWNLOAD, "ACK OPERATION_CANCELLED", Section.CANCEL,
-          lambda: t.Late(_ITEMS, 0.5), j.cancels, like=("DownloadMissionCanBeCancelled",)),
+          lambda: t.late(ITEMS, 0.5), j.cancels, like=("DownloadMissionCanBeCancelled",)),
 )  # fmt: skip
 
 OTHERS: Final[tuple[ClientCase, ...]] = (

@@ -4,6 +4,8 @@ from dataclasses import replace
 from typing import Final
 
 from mission_io.conformance.case import (
+    ITEMS,
+    REQUESTS,
     FailedError,
     ProtocolCase,
     RefusedError,
@@ -13,7 +15,7 @@ from mission_io.conformance.case import (
     for_each_list,
     sample,
 )
-from mission_io.conformance.probe import ITEMS, REQUESTS, Probe, described, seq_of
+from mission_io.conformance.probe import Probe, described, seq_of
 from mission_io.conformance.tuning import PROBE
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
@@ -59,8 +61,7 @@ def _check_items(
 
 def in_order(t: MissionType, p: Probe) -> str:
     """Count, items, each with its number and list, and for this station."""
-    held = sample(t, PROBE.listed_items)
-    p.hold(t, held)
+    held = p.hold_sample(t, PROBE.listed_items)
     count = _listed(p, t)
     check(count == PROBE.listed_items, f"COUNT {count} for {PROBE.listed_items} items")
     got = _rest_of(p, t, count)
@@ -83,7 +84,7 @@ def no_items(t: MissionType, p: Probe) -> str:
 
 def int_items(p: Probe) -> str:
     """MISSION_REQUEST_INT is answered with MISSION_ITEM_INT."""
-    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
+    p.hold_sample(_MISSION, PROBE.listed_items)
     got = _rest_of(p, _MISSION, _listed(p, _MISSION))
     floats = [got.seq for got in got if isinstance(got, m.MissionItemFloat)]
     check(not floats, f"items {floats} came as MISSION_ITEM")
@@ -92,7 +93,7 @@ def int_items(p: Probe) -> str:
 
 def int_frames(p: Probe) -> str:
     """MISSION_ITEM_INT requires the frames whose names end in INT."""
-    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
+    p.hold_sample(_MISSION, PROBE.listed_items)
     frames = {got.frame for got in _rest_of(p, _MISSION, _listed(p, _MISSION)) if isinstance(got, m.MissionItemInt)}
     check(frames <= set(_INT_FRAMES), f"frames {sorted(frames)}: not those of integers")
     return f"frames {sorted(frames)}"
@@ -100,7 +101,7 @@ def int_frames(p: Probe) -> str:
 
 def old_request(p: Probe) -> str:
     """MISSION_REQUEST is answered as MISSION_REQUEST_INT is."""
-    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
+    p.hold_sample(_MISSION, PROBE.listed_items)
     _listed(p, _MISSION)
     answer = p.ask(m.MissionRequest(*p.to, 0, _MISSION), _MISSION, (*ITEMS, m.MissionAck))
     p.send(p.ack(MissionResult.OPERATION_CANCELLED))
@@ -112,8 +113,7 @@ def old_request(p: Probe) -> str:
 
 def list_twice(p: Probe) -> str:
     """The list is requested again after its count was lost."""
-    held = sample(_MISSION, PROBE.listed_items)
-    p.hold(_MISSION, held)
+    held = p.hold_sample(_MISSION, PROBE.listed_items)
     _listed(p, _MISSION)
     count = _listed(p, _MISSION)
     check(count == PROBE.listed_items, f"COUNT {count} the second time")
@@ -123,8 +123,7 @@ def list_twice(p: Probe) -> str:
 
 def item_twice(p: Probe) -> str:
     """An item is requested again after it was lost."""
-    held = sample(_MISSION, PROBE.listed_items)
-    p.hold(_MISSION, held)
+    held = p.hold_sample(_MISSION, PROBE.listed_items)
     count = _listed(p, _MISSION)
     got = []
     for seq in range(count):
@@ -138,8 +137,7 @@ def item_twice(p: Probe) -> str:
 
 def beyond(p: Probe) -> str:
     """An item that does not exist: an error, or nothing; and the vehicle serves on."""
-    held = sample(_MISSION, PROBE.listed_items)
-    p.hold(_MISSION, held)
+    held = p.hold_sample(_MISSION, PROBE.listed_items)
     count = _listed(p, _MISSION)
     p.send(m.MissionRequestInt(*p.to, count + 3, _MISSION))
     answer = p.answer(_MISSION, PROBE.answer_s / 2.0, (*ITEMS, m.MissionAck))
@@ -153,8 +151,7 @@ def beyond(p: Probe) -> str:
 
 def skipping(p: Probe) -> str:
     """Item 2 before item 0; after any answer, a new download is served."""
-    held = sample(_MISSION, PROBE.listed_items)
-    p.hold(_MISSION, held)
+    held = p.hold_sample(_MISSION, PROBE.listed_items)
     _listed(p, _MISSION)
     p.send(m.MissionRequestInt(*p.to, 2, _MISSION))
     answer = p.answer(_MISSION, PROBE.answer_s / 2.0, (*ITEMS, m.MissionAck))
@@ -182,14 +179,14 @@ def _upload_taken(p: Probe) -> float:
 
 def abandoned(p: Probe) -> str:
     """A station that requested the list and disappeared does not block others for ever."""
-    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
+    p.hold_sample(_MISSION, PROBE.listed_items)
     _listed(p, _MISSION)
     return f"an upload was accepted {_upload_taken(p):.1f} s later"
 
 
 def cancelled(p: Probe) -> str:
     """A cancelled download leaves the vehicle idle."""
-    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
+    p.hold_sample(_MISSION, PROBE.listed_items)
     _listed(p, _MISSION)
     _item(p, _MISSION, 0)
     p.send(p.ack(MissionResult.OPERATION_CANCELLED))
@@ -200,8 +197,7 @@ def cancelled(p: Probe) -> str:
 
 def slow(p: Probe) -> str:
     """A station that takes more than a second for each request."""
-    held = sample(_MISSION, PROBE.listed_items)
-    p.hold(_MISSION, held)
+    held = p.hold_sample(_MISSION, PROBE.listed_items)
     count = _listed(p, _MISSION)
     got = []
     for seq in range(count):
@@ -214,8 +210,7 @@ def slow(p: Probe) -> str:
 
 def second_station(p: Probe) -> str:
     """Another station requests the list in the middle of a download."""
-    held = sample(_MISSION, PROBE.listed_items)
-    p.hold(_MISSION, held)
+    held = p.hold_sample(_MISSION, PROBE.listed_items)
     p.send(m.Heartbeat(autopilot=8, vehicle_type=6, system_status=4), as_other=True)
     count = _listed(p, _MISSION)
     got = [_item(p, _MISSION, 0)]
@@ -228,7 +223,7 @@ def second_station(p: Probe) -> str:
 
 def other_target(p: Probe) -> str:
     """Messages to another system get no answer."""
-    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
+    p.hold_sample(_MISSION, PROBE.listed_items)
     p.forget()
     p.send(m.MissionRequestList(PROBE.absent_system, p.to[1], _MISSION))
     p.send(replace(m.MissionRequestInt(*p.to, 0, _MISSION), target_system=PROBE.absent_system))
@@ -241,7 +236,7 @@ def other_target(p: Probe) -> str:
 
 def strange_type(p: Probe) -> str:
     """A list that does not exist is not served."""
-    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
+    p.hold_sample(_MISSION, PROBE.listed_items)
     p.forget()
     p.send(m.MissionRequestList(*p.to, PROBE.strange_type))
     said = p.quiet(2.0)

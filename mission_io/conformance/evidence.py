@@ -8,8 +8,7 @@ from typing import Final
 from mission_io.conformance.case import ProtocolCase
 from mission_io.conformance.tricks import Trick
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import Address
-from mission_io.wire.messages import Message
+from mission_io.wire.messages import Address, Message
 
 
 class Operation(Enum):

@@ -11,16 +11,16 @@ from dataclasses import replace
 from typing import Final
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.conformance.case import CaseResult, sample
+from mission_io.conformance.case import ITEMS, PROTOCOL, REQUESTS, CaseResult, sample
 from mission_io.conformance.evidence import ClientCase, HeardMessage, Operation, StationEvidence
-from mission_io.conformance.tricks import Said, Trick
+from mission_io.conformance.tricks import Kinds, Said, Trick
 from mission_io.conformance.tuning import STATION
 from mission_io.model.enums import AutopilotId, CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec, message_id
+from mission_io.wire.messages import Address
 
 BY_THE_GUIDE: Final = replace(
     PX4,
@@ -42,17 +42,7 @@ BY_THE_GUIDE: Final = replace(
 CAPABILITIES: Final = (1 << 2) | (1 << 13) | (1 << 14) | (1 << 15)
 """It takes integers, MAVLink 2, fences and rally points."""
 
-_CLIENT_KINDS: Final = (
-    m.MissionCount,
-    m.MissionItemInt,
-    m.MissionItemFloat,
-    m.MissionRequest,
-    m.MissionRequestInt,
-    m.MissionRequestList,
-    m.MissionAck,
-    m.MissionClearAll,
-    m.MissionSetCurrent,
-)
+_CLIENT_KINDS: Final = (*PROTOCOL, m.MissionRequestList, m.MissionClearAll, m.MissionSetCurrent)
 
 
 class FakeVehicle:
@@ -165,8 +155,7 @@ class FakeVehicle:
         if mission_type not in MissionType._value2member_map_:
             return
         for case in self.open:
-            wanted = case.mission_type in (None, mission_type)
-            if wanted and case.operation in operations:
+            if case.mission_type in (None, mission_type) and case.operation in operations:
                 t = MissionType(mission_type)
                 if case.operation is not Operation.EMPTY or not self.server.items(t):
                     self.server.set_items(t, sample(t, 4))
@@ -178,7 +167,7 @@ class FakeVehicle:
 
     def _receive(self, received: m.Received, now: float) -> None:
         message = received.message
-        sender = Address(received.system_id, received.component_id)
+        sender = received.sender
         seq = _sets_current(message)
         asked = message  # a command that sets the current item is as good as the message
         if isinstance(message, m.CommandLong) and seq is not None:
@@ -212,7 +201,7 @@ class FakeVehicle:
             message.command == Command.REQUEST_MESSAGE and message.params[0] == message_id(m.AutopilotVersion)
         )
         result = CommandResult.ACCEPTED if version or seq is not None else CommandResult.UNSUPPORTED
-        self._say(Said(m.CommandAck(message.command, result, 0, 0, sender.system_id, sender.component_id)), now)
+        self._say(Said(m.CommandAck(message.command, result, 0, 0, *sender)), now)
         if version:
             self._say(Said(m.AutopilotVersion(CAPABILITIES, 0x01110000, 1)), now)
 
@@ -226,7 +215,7 @@ class FakeVehicle:
             return False
         if _sets_current(message) is not None:
             return evidence.operation is Operation.SET_CURRENT
-        return isinstance(message, _KINDS_OF[evidence.operation])
+        return isinstance(message, _KINDS[evidence.operation][0])
 
     def _collect(self, now: float) -> None:
         for message in self.server.messages_to_send(now):
@@ -236,15 +225,12 @@ class FakeVehicle:
     def _tricked(self, message: m.Message, now: float) -> Sequence[Said]:
         """Messages that answer a message of the server; after an error, the vehicle's side of the error too."""
         evidence = self._evidence
-        if evidence is None or not isinstance(message, _SAID_IN[evidence.operation]):
+        if evidence is None or not isinstance(message, _KINDS[evidence.operation][1]):
             return [Said(message)]
         said = self._trick.says(message, now)
         own = [one.message for one in said if one.sender is None and isinstance(one.message, m.MissionAck)]
-        about = [
-            got
-            for got in own
-            if (got.target_system, got.mission_type) == (evidence.station.system_id, evidence.mission_type)
-        ]
+        ours = (evidence.station.system_id, evidence.mission_type)
+        about = [got for got in own if (got.target_system, got.mission_type) == ours]
         if about and not isinstance(message, m.MissionAck):
             self._forget_upload(now)
         elif about and getattr(message, "result", 0) == MissionResult.ACCEPTED and about[-1].result:
@@ -254,11 +240,8 @@ class FakeVehicle:
     def _forget_upload(self, now: float) -> None:
         """Be idle, with the list that was there before."""
         if self._evidence is not None:
-            station, to = self._evidence.station, self.address
-            end = m.MissionAck(
-                to.system_id, to.component_id, MissionResult.OPERATION_CANCELLED, self._evidence.mission_type
-            )
-            self.server.receive(m.Received(end, station.system_id, station.component_id), now)
+            end = m.MissionAck(*self.address, MissionResult.OPERATION_CANCELLED, self._evidence.mission_type)
+            self.server.receive(m.Received(end, *self._evidence.station), now)
 
     def _say_all(self, said: Sequence[Said], now: float) -> None:
         for one in said:
@@ -267,7 +250,7 @@ class FakeVehicle:
     def _say(self, said: Said, now: float) -> None:
         sender = said.sender if said.sender is not None else self.address
         heapq.heappush(self._waiting, (now + said.after_s, next(self._order), sender, said.message))
-        if self._evidence is not None and sender == self.address and isinstance(said.message, _PROTOCOL_SAID):
+        if self._evidence is not None and sender == self.address and isinstance(said.message, PROTOCOL):
             self._evidence.said.append(HeardMessage(now + said.after_s, said.message))
 
     def _codec(self, sender: Address) -> Codec:
@@ -276,31 +259,19 @@ class FakeVehicle:
         return self._codecs[sender]
 
 
-_ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
-_REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
-_PROTOCOL_SAID: Final = (m.MissionCount, *_REQUESTS, *_ITEMS, m.MissionAck)
-_UPLOADING: Final = (m.MissionCount, *_ITEMS, m.MissionAck)
-_DOWNLOADING: Final = (m.MissionRequestList, *_REQUESTS, m.MissionAck)
-_KINDS_OF: Final[dict[Operation, tuple[type[m.Message], ...]]] = {
-    Operation.UPLOAD: _UPLOADING,
-    Operation.EMPTY: _UPLOADING,
-    Operation.CANCEL_UPLOAD: _UPLOADING,
-    Operation.DOWNLOAD: _DOWNLOADING,
-    Operation.CANCEL_DOWNLOAD: _DOWNLOADING,
-    Operation.CLEAR: (m.MissionClearAll,),
-    Operation.SET_CURRENT: (m.MissionSetCurrent,),
+_UPLOADING: Final = (m.MissionCount, *ITEMS, m.MissionAck)
+_REQUESTING: Final = (*REQUESTS, m.MissionAck)
+_DOWNLOAD: Final = ((m.MissionRequestList, *_REQUESTING), _UPLOADING)
+_KINDS: Final[dict[Operation, tuple[Kinds, Kinds]]] = {
+    Operation.UPLOAD: (_UPLOADING, _REQUESTING),
+    Operation.EMPTY: (_UPLOADING, (m.MissionAck,)),
+    Operation.CANCEL_UPLOAD: (_UPLOADING, _REQUESTING),
+    Operation.DOWNLOAD: _DOWNLOAD,
+    Operation.CANCEL_DOWNLOAD: _DOWNLOAD,
+    Operation.CLEAR: ((m.MissionClearAll,), (m.MissionAck,)),
+    Operation.SET_CURRENT: ((m.MissionSetCurrent,), (m.MissionCurrent,)),
 }
-"""What a trick of a case may not hear."""
-_SAID_IN: Final[dict[Operation, tuple[type[m.Message], ...]]] = {
-    Operation.UPLOAD: (*_REQUESTS, m.MissionAck),
-    Operation.EMPTY: (m.MissionAck,),
-    Operation.CANCEL_UPLOAD: (*_REQUESTS, m.MissionAck),
-    Operation.DOWNLOAD: (m.MissionCount, *_ITEMS, m.MissionAck),
-    Operation.CANCEL_DOWNLOAD: (m.MissionCount, *_ITEMS, m.MissionAck),
-    Operation.CLEAR: (m.MissionAck,),
-    Operation.SET_CURRENT: (m.MissionCurrent,),
-}
-"""What a trick of a case may change."""
+"""What a trick of a case may not hear, and what it may change."""
 
 
 def _begun_by(message: m.Message) -> tuple[Operation, ...]:

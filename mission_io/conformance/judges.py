@@ -1,9 +1,8 @@
 """Judges of a ground station: its messages, their order and times, and its report to the user."""
 
 from collections.abc import Callable
-from typing import Final
 
-from mission_io.conformance.case import FailedError, LackingError, check, difference
+from mission_io.conformance.case import ITEMS, REQUESTS, FailedError, LackingError, check, difference
 from mission_io.conformance.evidence import HeardMessage, Operation, StationEvidence
 from mission_io.conformance.probe import result_name
 from mission_io.conformance.tuning import STATION
@@ -13,16 +12,13 @@ from mission_io.wire.mission_items import item_from_message
 
 Judge = Callable[[StationEvidence], str]
 
-_ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
-_REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
-
 
 def judged_by(*judges: Judge) -> Judge:
     """Several judges after the ones that every case has; their observations, joined."""
 
     def judge(e: StationEvidence) -> str:
         _addressed(e)
-        _came_to_an_end(e)
+        check(not e.unending, f"still sending after {e.lasted_s:.0f} s")
         return "; ".join(filter(None, (one(e) for one in judges)))
 
     return judge
@@ -36,12 +32,8 @@ def _addressed(e: StationEvidence) -> None:
             target in (0, e.vehicle.system_id),
             f"{type(h.message).__name__} for system {target}; the vehicle is {e.vehicle.system_id}",
         )
-    for h in e.of(m.MissionItemInt, m.MissionItemFloat):
+    for h in e.of(*ITEMS):
         check(getattr(h.message, "mission_type", 0) == e.mission_type, "items of a different list from the COUNT")
-
-
-def _came_to_an_end(e: StationEvidence) -> None:
-    check(not e.unending, f"still sending after {e.lasted_s:.0f} s")
 
 
 def _seq(message: m.Message) -> int:
@@ -51,11 +43,16 @@ def _seq(message: m.Message) -> int:
 
 def _steps(e: StationEvidence) -> tuple[type[m.Message], ...]:
     """The station's progress: items of an upload, requests of a download."""
-    return _REQUESTS if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD) else _ITEMS
+    return REQUESTS if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD) else ITEMS
 
 
-def _acks(e: StationEvidence, *results: MissionResult) -> list[HeardMessage]:
-    return [h for h in e.of(m.MissionAck) if getattr(h.message, "result", None) in results]
+def _acks(e: StationEvidence, result: MissionResult) -> list[HeardMessage]:
+    return [h for h in e.of(m.MissionAck) if getattr(h.message, "result", None) == result]
+
+
+def _answers(e: StationEvidence, result: MissionResult) -> list[HeardMessage]:
+    """The vehicle's acknowledgements with a result."""
+    return [h for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == result]
 
 
 def completes(e: StationEvidence) -> str:
@@ -63,22 +60,22 @@ def completes(e: StationEvidence) -> str:
     if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD):
         return _download_completes(e)
     wrong = _unlike_what_was_sent(e)
-    good = [h for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
+    good = _answers(e, MissionResult.ACCEPTED)
     check(not wrong, f"the vehicle never had every item: {wrong}")
     check(e.reported_success is not False, "the vehicle accepted the list, but the ground station reported a failure")
-    late = [h for h in e.of(*_ITEMS) if good and h.at_s > good[-1].at_s + STATION.crossing_s]
+    late = [h for h in e.of(*ITEMS) if good and h.at_s > good[-1].at_s + STATION.crossing_s]
     check(not late, f"item {_seq(late[0].message) if late else 0} came after the ACK")
     return f"{len(e.held)} items in {e.lasted_s:.1f} s"
 
 
 def _unlike_what_was_sent(e: StationEvidence) -> str:
     """The difference between what the station sent and what the vehicle holds; empty when there is none."""
-    sent = {_seq(h.message): h.message for h in e.of(*_ITEMS)}
-    return difference([item_from_message(got) for _, got in sorted(sent.items()) if isinstance(got, _ITEMS)], e.held)
+    sent = {_seq(h.message): h.message for h in e.of(*ITEMS)}
+    return difference([item_from_message(got) for _, got in sorted(sent.items()) if isinstance(got, ITEMS)], e.held)
 
 
 def _download_completes(e: StationEvidence) -> str:
-    asked = {_seq(h.message) for h in e.of(*_REQUESTS)}
+    asked = {_seq(h.message) for h in e.of(*REQUESTS)}
     missing = set(range(len(e.old))) - asked
     check(not missing, f"items {sorted(missing)} were never requested")
     check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED at the end")
@@ -89,7 +86,7 @@ def _download_completes(e: StationEvidence) -> str:
 def thanks(e: StationEvidence) -> str:
     """An empty list is acknowledged, too."""
     check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED")
-    check(not e.of(*_REQUESTS), "requested an item of an empty list")
+    check(not e.of(*REQUESTS), "requested an item of an empty list")
     check(e.reported_success is not False, "the ground station reported a failure")
     return "ACK ACCEPTED"
 
@@ -153,16 +150,16 @@ def int_requests(e: StationEvidence) -> str:
 
 def only_what_is_asked(e: StationEvidence) -> str:
     """Each item answers a request."""
-    for h in e.of(*_ITEMS):
+    for h in e.of(*ITEMS):
         seq = _seq(h.message)
-        asked = any(_seq(q.message) == seq and q.at_s <= h.at_s for q in e.answered(*_REQUESTS))
+        asked = any(_seq(q.message) == seq and q.at_s <= h.at_s for q in e.answered(*REQUESTS))
         check(asked, f"item {seq} was sent before its request")
     return "each item after its request"
 
 
 def in_order(e: StationEvidence) -> str:
     """Items are requested from 0 on."""
-    order = list(dict.fromkeys(_seq(h.message) for h in e.of(*_REQUESTS)))
+    order = list(dict.fromkeys(_seq(h.message) for h in e.of(*REQUESTS)))
     check(order == sorted(order), f"requested {order}")
     return ""
 
@@ -172,7 +169,7 @@ def stops_at(result: MissionResult) -> Judge:
 
     def judge(e: StationEvidence) -> str:
         check(e.reported_success is not True, "the ground station reported success")
-        errors = [h.at_s for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == result]
+        errors = [h.at_s for h in _answers(e, result)]
         if not errors:
             raise LackingError("it did not reach this step")
         counts = [h.at_s for h in e.of(m.MissionCount if e.operation is Operation.UPLOAD else m.MissionRequestList)]
@@ -189,25 +186,18 @@ def stops_at(result: MissionResult) -> Judge:
     return judge
 
 
-def no_item_for(*, of_list: bool = False) -> Judge:
-    """A request for another station or another list got no item."""
-
-    def judge(e: StationEvidence) -> str:
-        strange = [
-            h
-            for h in e.heard
-            if isinstance(h.message, _ITEMS) and getattr(h.message, "mission_type", 0) != e.mission_type
-        ]
-        check(not (of_list and strange), "a request about another list was answered with an item")
-        return ""
-
-    return judge
+def no_item_of_another_list(e: StationEvidence) -> str:
+    """A request for another list got no item."""
+    for h in e.heard:
+        strange = isinstance(h.message, ITEMS) and h.message.mission_type != e.mission_type
+        check(not strange, "a request about another list was answered with an item")
+    return ""
 
 
 def never_beyond(e: StationEvidence) -> str:
     """No item is sent that was not announced."""
     counts = [h.message.count for h in e.of(m.MissionCount) if isinstance(h.message, m.MissionCount)]
-    beyond = [_seq(h.message) for h in e.of(*_ITEMS) if counts and _seq(h.message) >= max(counts)]
+    beyond = [_seq(h.message) for h in e.of(*ITEMS) if counts and _seq(h.message) >= max(counts)]
     check(not beyond, f"item {beyond[0] if beyond else 0} was sent, which does not exist")
     return ""
 
@@ -216,8 +206,9 @@ def cancels(e: StationEvidence) -> str:
     """ACK OPERATION_CANCELLED, and then nothing."""
     said = _acks(e, MissionResult.OPERATION_CANCELLED)
     if not said:
-        done = [h for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
-        if done or (e.operation is Operation.CANCEL_DOWNLOAD and _acks(e, MissionResult.ACCEPTED)):
+        if _answers(e, MissionResult.ACCEPTED) or (
+            e.operation is Operation.CANCEL_DOWNLOAD and _acks(e, MissionResult.ACCEPTED)
+        ):
             raise LackingError("it was not cancelled")
         raise FailedError("it stopped without ACK OPERATION_CANCELLED")
     late = [h for h in e.of(*_steps(e)) if h.at_s > said[0].at_s + STATION.crossing_s]
@@ -229,8 +220,7 @@ def cancels(e: StationEvidence) -> str:
 def cleared(e: StationEvidence) -> str:
     """CLEAR_ALL, and the vehicle's list is empty."""
     check(e.of(m.MissionClearAll), "no CLEAR_ALL")
-    check(not e.held, f"the vehicle has {len(e.held)} items")
-    check(e.reported_success is not False, "the list is empty, but the ground station reported a failure")
+    holds_nothing(e)
     return f"{len(e.of(m.MissionClearAll))} CLEAR_ALL"
 
 

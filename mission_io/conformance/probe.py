@@ -2,27 +2,33 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Final
 
 from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
-from mission_io.conformance.case import LIST_NAMES, FailedError, LackingError, RefusedError, check, difference
+from mission_io.conformance.case import (
+    ITEMS,
+    LIST_NAMES,
+    PROTOCOL,
+    REQUESTS,
+    FailedError,
+    LackingError,
+    RefusedError,
+    check,
+    difference,
+    sample,
+)
 from mission_io.conformance.tuning import PROBE
 from mission_io.errors import FormatError, TransferError, TransferSilentError
 from mission_io.links.opening import Link
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
+from mission_io.wire.message_table import BY_CLASS
+from mission_io.wire.messages import Address
 from mission_io.wire.mission_items import message_from_item
-
-REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
-ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
-PROTOCOL: Final = (m.MissionCount, *REQUESTS, *ITEMS, m.MissionAck)
-"""What a vehicle says in the mission protocol."""
 
 
 class Probe:
@@ -72,7 +78,7 @@ class Probe:
     @property
     def to(self) -> tuple[int, int]:
         """The vehicle's address, as the first two fields of a message."""
-        return self.vehicle.system_id, self.vehicle.component_id
+        return self.vehicle.address
 
     def send(self, message: m.Message, *, as_other: bool = False) -> None:
         """Send one message, as this station or as the second one."""
@@ -122,21 +128,17 @@ class Probe:
         Messages to others are skipped unless ``any_target``.
         """
         deadline = self.now() + within_s
+        local = self.client.local._asdict()
         while True:
             while self._inbox:
                 received = self._inbox.popleft()
-                if Address(received.system_id, received.component_id) != self.vehicle.address:
+                if received.sender != self.vehicle.address:
                     continue
-                if (any_target or self._is_ours(received.message)) and accept(received.message):
+                if (any_target or m.is_for(received.message, **local)) and accept(received.message):
                     return received.message
             if self.now() >= deadline:
                 return None
             self.client.poll(min(0.05, max(0.0, deadline - self.now())))
-
-    def _is_ours(self, message: m.Message) -> bool:
-        target = (getattr(message, "target_system", 0), getattr(message, "target_component", 0))
-        local = self.client.local
-        return target[0] in (0, local.system_id) and target[1] in (0, local.component_id)
 
     def answer(
         self, mission_type: int, within_s: float = PROBE.answer_s, kinds: tuple[type[m.Message], ...] = PROTOCOL
@@ -231,6 +233,12 @@ class Probe:
             raise (RefusedError if refused else FailedError)(str(error)) from None
         self.forget()
 
+    def hold_sample(self, mission_type: MissionType, count: int) -> tuple[MissionItem, ...]:
+        """Make the vehicle hold ``count`` items; them."""
+        items = sample(mission_type, count)
+        self.hold(mission_type, items)
+        return items
+
     def held(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
         """The list that the vehicle holds. Raises FailedError: it cannot be read."""
         try:
@@ -242,17 +250,15 @@ class Probe:
 
     def check_held(self, mission_type: MissionType, items: Sequence[MissionItem], what: str) -> None:
         """Go on only if the vehicle holds a list; ``what`` names it. Raises FailedError: it holds something else."""
-        held = self.held(mission_type)
         home_first = self.home_first and mission_type is MissionType.MISSION
-        if home_first and not items:
-            held = held[1:]
-        difference_seen = difference(items, held, home_first=home_first)
-        if difference_seen:  # what was read back at once may be of before: see Client.upload_and_verify
-            self.quiet(0.3)
+        seen = ""
+        for wait_s in (0.0, 0.3):  # what was read back at once may be of before: see Client.upload_and_verify
+            self.quiet(wait_s)
             held = self.held(mission_type)
-            held = held[1:] if home_first and not items else held
-            difference_seen = difference(items, held, home_first=home_first)
-        check(not difference_seen, f"{what}: {difference_seen}")
+            seen = difference(items, held[1:] if home_first and not items else held, home_first=home_first)
+            if not seen:
+                return
+        raise FailedError(f"{what}: {seen}")
 
     def quiet(self, seconds: float) -> list[m.Message]:
         """Let time pass; what the vehicle said in the mission protocol meanwhile, to whomever."""
@@ -304,19 +310,12 @@ def result_name(result: int) -> str:
 
 def described(message: m.Message | None) -> str:
     """A message of the protocol in a few words."""
-    match message:
-        case None:
-            return "nothing"
-        case m.MissionAck():
-            return f"ACK {result_name(message.result)}"
-        case m.MissionCount():
-            return f"COUNT {message.count}"
-        case m.MissionRequest():
-            return f"MISSION_REQUEST {message.seq}"
-        case m.MissionRequestInt():
-            return f"MISSION_REQUEST_INT {message.seq}"
-        case m.MissionItemInt():
-            return f"MISSION_ITEM_INT {message.seq}"
-        case m.MissionItemFloat():
-            return f"MISSION_ITEM {message.seq}"
+    if message is None:
+        return "nothing"
+    if isinstance(message, m.MissionAck):
+        return f"ACK {result_name(message.result)}"
+    if isinstance(message, m.MissionCount):
+        return f"COUNT {message.count}"
+    if isinstance(message, (*REQUESTS, *ITEMS)):
+        return f"{BY_CLASS[type(message)].layout.name.upper()} {message.seq}"
     return type(message).__name__

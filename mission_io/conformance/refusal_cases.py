@@ -6,6 +6,7 @@ from typing import Final
 
 from mission_io.conformance.case import (
     LIST_NAMES,
+    REQUESTS,
     FailedError,
     LackingError,
     ProtocolCase,
@@ -15,9 +16,9 @@ from mission_io.conformance.case import (
     for_each_list,
     sample,
 )
-from mission_io.conformance.probe import REQUESTS, Probe, described, seq_of
+from mission_io.conformance.probe import Probe, described, seq_of
 from mission_io.conformance.tuning import PROBE
-from mission_io.conformance.upload_cases import accepted, begin_three
+from mission_io.conformance.upload_cases import accepted, begin_three, finished
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, Command, MissionType
 from mission_io.wire import messages as m
@@ -32,11 +33,9 @@ _CAN: Final = {MissionType.FENCE: 1 << 14, MissionType.RALLY: 1 << 15}
 
 def cleared(t: MissionType, p: Probe) -> str:
     """CLEAR_ALL empties a list."""
-    p.hold(t, sample(t, 4))
+    p.hold_sample(t, 4)
     answer = p.ask(m.MissionClearAll(*p.to, t), t, (m.MissionAck,))
-    check(isinstance(answer, m.MissionAck), "CLEAR_ALL was not answered")
-    if isinstance(answer, m.MissionAck):
-        accepted(p, answer)
+    accepted(p, answer, "CLEAR_ALL was not answered")
     p.check_held(t, (), "after CLEAR_ALL")
     return "accepted, list empty"
 
@@ -46,9 +45,7 @@ def cleared_twice(p: Probe) -> str:
     p.hold(_MISSION, ())
     for _ in range(2):
         answer = p.ask(m.MissionClearAll(*p.to, _MISSION), _MISSION, (m.MissionAck,))
-        check(isinstance(answer, m.MissionAck), "CLEAR_ALL of an empty list was not answered")
-        if isinstance(answer, m.MissionAck):
-            accepted(p, answer)
+        accepted(p, answer, "CLEAR_ALL of an empty list was not answered")
     return "accepted each time"
 
 
@@ -58,7 +55,7 @@ def cleared_alone(p: Probe) -> str:
     if not kept:
         raise LackingError("it has only a mission")
     for t in kept:
-        p.hold(t, sample(t, 4))
+        p.hold_sample(t, 4)
     p.ask(m.MissionClearAll(*p.to, _MISSION), _MISSION, (m.MissionAck,))
     p.rest()
     for t in kept:
@@ -70,7 +67,7 @@ def cleared_all(p: Probe) -> str:
     """mission_type 255 empties all three."""
     kept = [t for t in MissionType if t is _MISSION or p.reads_list(t)]
     for t in kept:
-        p.hold(t, sample(t, 4))
+        p.hold_sample(t, 4)
     p.forget()
     p.send(m.MissionClearAll(*p.to, ALL_MISSION_TYPES))
     answer = p.hear(lambda got: isinstance(got, m.MissionAck), 2.0 * PROBE.answer_s)
@@ -84,8 +81,8 @@ def cleared_all(p: Probe) -> str:
     return f"{', '.join(LIST_NAMES[t] for t in kept)} empty"
 
 
-def _current(p: Probe, within_s: float = PROBE.current_s, seq: int | None = None) -> m.MissionCurrent | None:
-    found = p.hear(lambda got: isinstance(got, m.MissionCurrent) and seq in (None, got.seq), within_s)
+def _current(p: Probe, seq: int | None = None) -> m.MissionCurrent | None:
+    found = p.hear(lambda got: isinstance(got, m.MissionCurrent) and seq in (None, got.seq), PROBE.current_s)
     return found if isinstance(found, m.MissionCurrent) else None
 
 
@@ -97,7 +94,7 @@ def _asked_for_current(p: Probe) -> None:
 
 def current_set(p: Probe) -> str:
     """MISSION_SET_CURRENT is followed by MISSION_CURRENT with that number."""
-    p.hold(_MISSION, sample(_MISSION, 5))
+    p.hold_sample(_MISSION, 5)
     _asked_for_current(p)
     for seq in (2, 3):
         p.forget()
@@ -112,7 +109,7 @@ def current_set(p: Probe) -> str:
 
 def current_beyond(p: Probe) -> str:
     """An item that does not exist does not become the current one, and STATUSTEXT reports it."""
-    p.hold(_MISSION, sample(_MISSION, 3))
+    p.hold_sample(_MISSION, 3)
     _asked_for_current(p)
     p.forget()
     p.send(m.MissionSetCurrent(*p.to, 900))
@@ -130,7 +127,7 @@ def current_beyond(p: Probe) -> str:
 
 def streamed(p: Probe) -> str:
     """MISSION_CURRENT is sent without a request."""
-    p.hold(_MISSION, sample(_MISSION, 3))
+    p.hold_sample(_MISSION, 3)
     _asked_for_current(p)
     current = _current(p)
     if current is None:
@@ -220,12 +217,11 @@ _MISSION: Final = MissionType.MISSION
 
 def stopped_by(result: MissionResult, t: MissionType, p: Probe) -> str:
     """The station answers a request with an error: the vehicle stops, and the old list stays."""
-    old = sample(t, 7)
-    p.hold(t, old)
+    old = p.hold_sample(t, 7)
     begin_three(p, t)
     p.send(p.ack(result, t))
     p.quiet(0.5)
-    late = [m for m in p.quiet(PROBE.stops_s) if isinstance(m, REQUESTS)]
+    late = [got for got in p.quiet(PROBE.stops_s) if isinstance(got, REQUESTS)]
     check(not late, f"{len(late)} more requests after ACK {result.name}")
     p.check_held(t, old, f"the old list after ACK {result.name}")
     return "stopped, old list unchanged"
@@ -233,8 +229,7 @@ def stopped_by(result: MissionResult, t: MissionType, p: Probe) -> str:
 
 def bad_item(p: Probe) -> str:
     """An item that cannot be: an error, and the old list stays."""
-    old = sample(_MISSION, 7)
-    p.hold(_MISSION, old)
+    old = p.hold_sample(_MISSION, 7)
     begin_three(p, _MISSION)
     p.send(replace(p.item(sample(_MISSION, 5, first=PROBE.new_items), 3), frame=PROBE.unknown_frame))
     answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
@@ -252,8 +247,7 @@ def bad_item(p: Probe) -> str:
 
 def too_many(p: Probe) -> str:
     """More items than any vehicle stores."""
-    old = sample(_MISSION, 4)
-    p.hold(_MISSION, old)
+    old = p.hold_sample(_MISSION, 4)
     p.forget()
     answer = p.ask(p.count(65535), _MISSION)
     check(answer is not None, "COUNT 65535 was not answered")
@@ -267,12 +261,10 @@ def too_many(p: Probe) -> str:
 
 def empty(t: MissionType, p: Probe) -> str:
     """COUNT 0 empties the list."""
-    p.hold(t, sample(t, 4))
+    p.hold_sample(t, 4)
     p.forget()
     answer = p.ask(p.count(0, t), t)
-    check(isinstance(answer, MissionAck), f"COUNT 0 was answered with {described(answer)}")
-    if isinstance(answer, MissionAck):
-        accepted(p, answer)
+    accepted(p, answer, f"COUNT 0 was answered with {described(answer)}")
     p.check_held(t, (), "after COUNT 0")
     return "accepted, list empty"
 
@@ -296,9 +288,7 @@ def second_upload(p: Probe) -> str:
         not isinstance(to_other, REQUESTS),
         "the vehicle requested items of the second station in the middle of the upload",
     )
-    ack = p.finish_upload(new, _MISSION, first=1, wait_s=2.0 * PROBE.answer_s)
-    accepted(p, ack)
-    p.check_held(_MISSION, new, "after a second station announced an upload")
+    finished(p, new, "after a second station announced an upload", first=1, wait_s=2.0 * PROBE.answer_s)
     return f"the second station got {described(to_other)}; the first one's list is there"
 
 
@@ -310,10 +300,7 @@ def foreign_items(p: Probe) -> str:
     for seq in range(4):
         p.send(p.item(foreign, seq), as_other=True)
         p.send(p.item(new, seq))
-    ack = p.answer(_MISSION, 2.0 * PROBE.answer_s, (MissionAck,))
-    check(isinstance(ack, MissionAck), "no ACK")
-    if isinstance(ack, MissionAck):
-        accepted(p, ack)
+    accepted(p, p.answer(_MISSION, 2.0 * PROBE.answer_s, (MissionAck,)))
     p.quiet(1.0)
     p.check_held(_MISSION, new, "after another station sent items")
     return "they were ignored"
@@ -326,15 +313,13 @@ def other_list(p: Probe) -> str:
     p.begin_upload(3, _MISSION)
     p.send(p.item(stray, 0, MissionType.RALLY))
     p.quiet(0.3)
-    accepted(p, p.finish_upload(new, _MISSION))
-    p.check_held(_MISSION, new, "after an item for the rally points")
+    finished(p, new, "after an item for the rally points")
     return "it was ignored"
 
 
 def other_target(p: Probe) -> str:
     """Messages to another system get no answer, and change nothing."""
-    old = sample(_MISSION, 4)
-    p.hold(_MISSION, old)
+    old = p.hold_sample(_MISSION, 4)
     p.forget()
     p.send(replace(p.count(2), target_system=PROBE.absent_system))
     p.send(replace(p.count(2), target_system=PROBE.absent_system, target_component=0))
@@ -346,8 +331,7 @@ def other_target(p: Probe) -> str:
 
 def strange_type(p: Probe) -> str:
     """A list that does not exist: an error, and nothing is changed."""
-    old = sample(_MISSION, 4)
-    p.hold(_MISSION, old)
+    old = p.hold_sample(_MISSION, 4)
     p.forget()
     p.send(p.count(2, PROBE.strange_type))
     said = p.quiet(2.0)
@@ -363,8 +347,7 @@ def strange_type(p: Probe) -> str:
 
 def nonsense_when_idle(p: Probe) -> str:
     """Requests, acknowledgements and items out of nowhere."""
-    old = sample(_MISSION, 4)
-    p.hold(_MISSION, old)
+    old = p.hold_sample(_MISSION, 4)
     new = sample(_MISSION, 4, first=PROBE.new_items)
     p.forget()
     for result in (MissionResult.ACCEPTED, MissionResult.ERROR, MissionResult.OPERATION_CANCELLED):
@@ -392,12 +375,7 @@ def independent(p: Probe) -> str:
     return f"{', '.join(LIST_NAMES[t] for t in kept)} kept apart"
 
 
-_STOPPING = (
-    MissionResult.ERROR,
-    MissionResult.UNSUPPORTED,
-    MissionResult.INVALID,
-    MissionResult.DENIED,
-)
+_STOPPING = (MissionResult.ERROR, MissionResult.UNSUPPORTED, MissionResult.INVALID, MissionResult.DENIED)
 
 REFUSAL_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
     *for_each_list(

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import Any, Final, TypeAlias
 
+from mission_io.conformance.case import ITEMS, REQUESTS
 from mission_io.model.enums import MissionResult
-from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
+from mission_io.wire.messages import Address
 from mission_io.wire.mission_items import float_message
 
-REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
-ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
 OTHER_STATION: Final = Address(254, 190)
 OTHER_VEHICLE: Final = Address(2, 1)
 
@@ -78,39 +77,6 @@ class EachOnceDeaf(Trick):
         return True
 
 
-class Mute(Trick):
-    """Drops the first ``times`` messages of some kinds."""
-
-    def __init__(self, kinds: Kinds, times: float = float("inf"), seq: int | None = None) -> None:
-        self._deaf = Deaf(kinds, times, seq)
-
-    def says(self, message: m.Message, now: float) -> list[Said]:
-        """Say it, or not."""
-        return [Said(message)] if self._deaf.hears(message, now) else []
-
-
-class Late(Trick):
-    """Says some kinds of messages late."""
-
-    def __init__(self, kinds: Kinds, delay_s: float) -> None:
-        self._kinds, self._delay_s = kinds, delay_s
-
-    def says(self, message: m.Message, now: float) -> list[Said]:
-        """Say it later."""
-        return [Said(message, self._delay_s if isinstance(message, self._kinds) else 0.0)]
-
-
-class Again(Trick):
-    """Says some kinds of messages several times."""
-
-    def __init__(self, kinds: Kinds, times: int) -> None:
-        self._kinds, self._times = kinds, times
-
-    def says(self, message: m.Message, now: float) -> list[Said]:
-        """Say it that often."""
-        return [Said(message)] * (self._times if isinstance(message, self._kinds) else 1)
-
-
 class Instead(Trick):
     """Replaces the first ``times`` messages of some kinds."""
 
@@ -172,22 +138,24 @@ class FallsSilent(Trick):
         return [] if self._silent(now) else [Said(message)]
 
 
+def late(kinds: Kinds, delay_s: float) -> Trick:
+    """Says some kinds of messages late."""
+    return Instead(lambda got: isinstance(got, kinds), lambda got: [Said(got, delay_s)])
+
+
+def again(kinds: Kinds, times: int) -> Trick:
+    """Says some kinds of messages several times."""
+    return Instead(lambda got: isinstance(got, kinds), lambda got: [Said(got)] * times)
+
+
 def refusal(message: Any, result: MissionResult) -> m.MissionAck:
     """An acknowledgement with a result, to whom a message goes."""
-    return m.MissionAck(
-        message.target_system,
-        message.target_component,
-        result,
-        message.mission_type,
-    )
+    return m.MissionAck(message.target_system, message.target_component, result, message.mission_type)
 
 
 def refuses(result: MissionResult, *, at: int = 1) -> Trick:
     """Answers each request for item ``at`` with an error."""
-    return Instead(
-        lambda got: isinstance(got, REQUESTS) and got.seq == at,
-        lambda got: [Said(refusal(got, result))],
-    )
+    return Instead(is_request(at), lambda got: [Said(refusal(got, result))])
 
 
 def before(applies: Callable[[Any], bool], extra: Callable[[Any], Said], times: float = float("inf")) -> Trick:

@@ -5,6 +5,7 @@ from functools import partial
 from typing import Final
 
 from mission_io.conformance.case import (
+    REQUESTS,
     FailedError,
     LackingError,
     ProtocolCase,
@@ -14,22 +15,38 @@ from mission_io.conformance.case import (
     for_each_list,
     sample,
 )
-from mission_io.conformance.probe import REQUESTS, Probe, described, result_name, seq_of
+from mission_io.conformance.probe import Probe, described, result_name, seq_of
 from mission_io.conformance.tuning import PROBE, STATION
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import MissionType
-from mission_io.wire.messages import MissionAck, MissionRequest
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.wire.messages import Message, MissionAck, MissionRequest
 from mission_io.wire.mission_items import float_message
 
 _MISSION: Final = MissionType.MISSION
 
 
-def accepted(p: Probe, ack: MissionAck) -> None:
-    """Go on only if an upload was accepted."""
+def accepted(p: Probe, ack: Message | None, otherwise: str = "no ACK") -> None:
+    """Go on only if a message accepts an upload; ``otherwise`` is what was seen where it is no acknowledgement."""
+    if not isinstance(ack, MissionAck):
+        raise FailedError(otherwise)
     if ack.result in (MissionResult.UNSUPPORTED, MissionResult.UNSUPPORTED_FRAME, MissionResult.DENIED):
         raise RefusedError(f"ACK {result_name(ack.result)}")
     check(ack.result == MissionResult.ACCEPTED, f"ACK {result_name(ack.result)}")
     check(ack.target_system == p.client.local.system_id, f"the ACK is for system {ack.target_system}")
+
+
+def finished(p: Probe, new: tuple[MissionItem, ...], what: str, first: int = 0, wait_s: float = PROBE.answer_s) -> None:
+    """Go on only if the rest of a mission is accepted, and held; ``what`` names it."""
+    accepted(p, p.finish_upload(new, _MISSION, first=first, wait_s=wait_s))
+    p.check_held(_MISSION, new, what)
+
+
+def last_ack(p: Probe, wait_s: float) -> Message | None:
+    """The final acknowledgement; those of single items that came twice are passed over."""
+    while True:
+        ack = p.answer(_MISSION, wait_s, (MissionAck,))
+        if not (isinstance(ack, MissionAck) and ack.result == MissionResult.INVALID_SEQUENCE):
+            return ack
 
 
 def begin_three(p: Probe, t: MissionType) -> None:
@@ -47,21 +64,17 @@ def begin_three(p: Probe, t: MissionType) -> None:
 def in_order(t: MissionType, p: Probe) -> str:
     """Items are requested from 0 on, one by one, and then there is one ACK."""
     new = sample(t, PROBE.few_items, first=PROBE.new_items)
-    p.hold(t, sample(t, 3))
+    p.hold_sample(t, 3)
     p.begin_upload(len(new), t)
-    kinds = set()
     for seq in range(len(new)):
         p.send(p.item(new, seq, t))
         answer = p.answer(t)
         if seq + 1 == len(new):
-            check(isinstance(answer, MissionAck), f"the last item was answered with {described(answer)}")
+            accepted(p, answer, f"the last item was answered with {described(answer)}")
         else:
             if isinstance(answer, MissionAck):
                 raise RefusedError(f"item {seq} was answered with {described(answer)}")
             check(isinstance(answer, REQUESTS) and seq_of(answer) == seq + 1, f"after item {seq}: {described(answer)}")
-            kinds.add(type(answer).__name__)
-    if isinstance(answer, MissionAck):
-        accepted(p, answer)
     again = [described(m) for m in p.quiet(2.0 * STATION.item_resend_s)]
     check(not again, f"after the ACK it sent {', '.join(again)}")
     p.check_held(t, new, "what it holds")
@@ -70,11 +83,10 @@ def in_order(t: MissionType, p: Probe) -> str:
 
 def shorter(p: Probe) -> str:
     """A shorter list replaces a longer one wholly."""
-    p.hold(_MISSION, sample(_MISSION, 7))
+    p.hold_sample(_MISSION, 7)
     new = sample(_MISSION, 3, first=PROBE.new_items)
     p.begin_upload(3, _MISSION)
-    accepted(p, p.finish_upload(new, _MISSION))
-    p.check_held(_MISSION, new, "after 3 items in place of 7")
+    finished(p, new, "after 3 items in place of 7")
     return "3 items in place of 7"
 
 
@@ -131,8 +143,7 @@ def asks_again(at: int, p: Probe) -> str:
 
 def gives_up(t: MissionType, p: Probe) -> str:
     """A station that falls silent is given up, and the old list stays."""
-    old = sample(t, 7)
-    p.hold(t, old)
+    old = p.hold_sample(t, 7)
     begin_three(p, t)
     began, last_s, count = p.now(), 0.0, 0
     while (left := PROBE.gives_up_s - (p.now() - began)) > 0.0:
@@ -172,9 +183,7 @@ def twice(p: Probe) -> str:
     for seq in range(len(new)):
         for _ in range(2):
             p.send(p.item(new, seq))
-    ack = p.answer(_MISSION, PROBE.answer_s, (MissionAck,))
-    while isinstance(ack, MissionAck) and ack.result == MissionResult.INVALID_SEQUENCE:
-        ack = p.answer(_MISSION, PROBE.answer_s, (MissionAck,))
+    ack = last_ack(p, PROBE.answer_s)
     if not (isinstance(ack, MissionAck) and ack.result == MissionResult.ACCEPTED):
         raise FailedError(f"each item sent twice: {described(ack)}")
     p.quiet(1.0)
@@ -190,9 +199,7 @@ def out_of_order(p: Probe) -> str:
     answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     check(isinstance(answer, REQUESTS), f"item 2 in place of 0 was answered with {described(answer)}")
     check(seq_of(answer) == 0, f"item 2 in place of 0: requested {seq_of(answer)}")
-    ack = p.finish_upload(new, _MISSION)
-    accepted(p, ack)
-    p.check_held(_MISSION, new, "after an item out of order")
+    finished(p, new, "after an item out of order")
     return "requested 0 again"
 
 
@@ -207,8 +214,7 @@ def beyond(p: Probe) -> str:
         check(answer.result != MissionResult.ACCEPTED, "item 5 of 3 was accepted")
         answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     check(isinstance(answer, REQUESTS) and seq_of(answer) == 0, f"item 5 of 3: {said}, then {described(answer)}")
-    accepted(p, p.finish_upload(new[:3], _MISSION))
-    p.check_held(_MISSION, new[:3], "after an item beyond the count")
+    finished(p, new[:3], "after an item beyond the count")
     return f"{said}, and the upload continued"
 
 
@@ -238,8 +244,7 @@ def count_late(p: Probe) -> str:
     if isinstance(answer, MissionAck):
         answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     check(isinstance(answer, REQUESTS), f"COUNT at item 2: {said}, then {described(answer)}")
-    accepted(p, p.finish_upload(new, _MISSION, first=seq_of(answer)))
-    p.check_held(_MISSION, new, "after a late COUNT")
+    finished(p, new, "after a late COUNT", first=seq_of(answer))
     return f"{said}, then continued with item {seq_of(answer)}"
 
 
@@ -263,12 +268,7 @@ def slow(p: Probe) -> str:
         p.quiet(PROBE.slow_s)
         p.forget()
         p.send(p.item(new, seq))
-    ack = p.answer(_MISSION, 2.0 * PROBE.answer_s, (MissionAck,))
-    while isinstance(ack, MissionAck) and ack.result == MissionResult.INVALID_SEQUENCE:
-        ack = p.answer(_MISSION, 2.0 * PROBE.answer_s, (MissionAck,))
-    check(isinstance(ack, MissionAck), "no ACK")
-    if isinstance(ack, MissionAck):
-        accepted(p, ack)
+    accepted(p, last_ack(p, 2.0 * PROBE.answer_s))
     p.check_held(_MISSION, new, "after a slow upload")
     return f"accepted with {PROBE.slow_s:g} s an item"
 

@@ -2,24 +2,15 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from mission_io.errors import FormatError
 from mission_io.formats.dialects import sniff
-from mission_io.formats.text import check_place, clean_text, finite_number
+from mission_io.formats.text import MissionFile, check_place, clean_text, finite_number
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem
 
 HEADER = "item,command,frame,param1,param2,param3,param4,lat_deg,lon_deg,alt_m,alt_datum,autocontinue"
 _COLUMNS = tuple(HEADER.split(","))
 _VALUES = _COLUMNS[3:10]
-
-
-@dataclass(frozen=True, slots=True)
-class CsvFile:
-    """The content of a CSV file, and the repairs needed to read it."""
-
-    mission: Mission
-    repairs: tuple[str, ...]
 
 
 def write_mission(mission: Mission) -> str:
@@ -40,7 +31,7 @@ def write_mission(mission: Mission) -> str:
     return "\n".join(lines) + "\n"
 
 
-def read_mission(text: str) -> CsvFile:
+def read_mission(text: str) -> MissionFile:
     """Read what ``write_mission`` writes; columns may be in any order, and unknown ones are dropped and listed.
 
     Raises:
@@ -72,7 +63,7 @@ def read_mission(text: str) -> CsvFile:
         items.append(item)
         if number != len(items):
             repairs.append(f"{where}: renumbered from {number} to {len(items)}")
-    return CsvFile(Mission(home, tuple(items)), tuple(repairs))
+    return MissionFile(Mission(home, tuple(items)), repairs=tuple(repairs))
 
 
 def _item(row: Mapping[str, str], where: str) -> MissionItem:

@@ -16,18 +16,17 @@ and of lines that begin with ``RALLY``.
 import logging
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, MissionList, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, items_of
 from mission_io.errors import FormatError, MisuseError
 from mission_io.formats import csv, geojson, gpx, kml, plan, poly, wpl
-from mission_io.formats.text import text_from_bytes
+from mission_io.formats.text import MissionFile, text_from_bytes
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import Command, Mission, MissionType
-from mission_io.model.places import doubts_about, doubts_about_fence
 
 _log = logging.getLogger(__name__)
 
@@ -39,37 +38,6 @@ EVERY_LIST: Final = (".waypoints", ".plan")
 """Suffixes of files that hold whichever of a vehicle's lists: one of them, or all three."""
 _LONGEST_FIRST_LINE = 400
 _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
-
-
-@dataclass(frozen=True, slots=True)
-class MissionFile:
-    """Content of a mission file; None for a list that it does not have."""
-
-    mission: Mission | None = None  # its mission
-    fence: Fence | None = None  # its fence
-    rally: RallyPoints | None = None  # its rally points
-    repairs: tuple[str, ...] = ()  # what had to be repaired to read the file, one line each
-
-    @property
-    def lists(self) -> tuple[MissionList, ...]:
-        """The lists of the file, empty ones included: mission, fence, rally points."""
-        return tuple(one for one in (self.mission, self.fence, self.rally) if one is not None)
-
-    def has(self, mission_type: MissionType) -> bool:
-        """Whether the file has this list."""
-        return {MissionType.MISSION: self.mission, MissionType.FENCE: self.fence, MissionType.RALLY: self.rally}[
-            mission_type
-        ] is not None
-
-    @property
-    def filled_lists(self) -> tuple[MissionList, ...]:
-        """The lists that hold at least one item."""
-        return tuple(one for one in self.lists if items_of(one, ARDUPILOT)[isinstance(one, Mission) :])
-
-    def doubts(self) -> tuple[str, ...]:
-        """Probable mistakes, such as a route far from home, or a return point outside the fence, one line each."""
-        of_mission = () if self.mission is None else doubts_about(self.mission)
-        return of_mission if self.fence is None else (*of_mission, *doubts_about_fence(self.fence))
 
 
 def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> MissionFile:
@@ -192,37 +160,19 @@ def _read_waypoints(text: str, mission_type: MissionType | None) -> MissionFile:
     return MissionFile(read.mission(), repairs=read.repairs)
 
 
-def _read_csv(text: str, _: MissionType | None) -> MissionFile:
-    read = csv.read_mission(text)
-    return MissionFile(read.mission, repairs=read.repairs)
-
-
-def _read_fen(text: str, _: MissionType | None) -> MissionFile:
-    read = poly.read_fence(text)
-    return MissionFile(fence=read.fence, repairs=read.repairs)
-
-
 def _read_places(text: str, _: MissionType | None) -> MissionFile:
-    read = _read_fen(text, _)
+    read = poly.read_fence(text)
     return replace(read, repairs=("read as an old fence file: the first position is the return point", *read.repairs))
 
 
-def _read_rally_lines(text: str, _: MissionType | None) -> MissionFile:
-    read = poly.read_rally(text)
-    return MissionFile(rally=read.rally, repairs=read.repairs)
-
-
-def _read_old_json(text: str, _: MissionType | None) -> MissionFile:
-    read = plan.read_old_json(text)
-    return MissionFile(read.mission, read.fence, read.rally, read.repairs)
-
-
 _Reader = Callable[[str, MissionType | None], MissionFile]
-_READERS: Final[Mapping[str, _Reader]] = MappingProxyType({".plan": _read_plan, ".fen": _read_fen})
+_READERS: Final[Mapping[str, _Reader]] = MappingProxyType(
+    {".plan": _read_plan, ".fen": lambda text, _: poly.read_fence(text)}
+)
 """By suffix, for a file whose first line does not say what it is; of any other suffix: ``.waypoints``."""
 _FIRST_LINES: Final[tuple[tuple[re.Pattern[str], _Reader, str], ...]] = (
     (re.compile(r"QGC\s+WPL\b", re.IGNORECASE), _read_waypoints, ".waypoints"),
-    (re.compile(r"RALLY\s"), _read_rally_lines, ""),
+    (re.compile(r"RALLY\s"), lambda text, _: poly.read_rally(text), ""),
     (re.compile(r"[-+]?[0-9.]+[ \t,;]+[-+]?[0-9.]+[ \t]*(#.*)?$"), _read_places, ".fen"),
 )
 """What a first line looks like, its reader, and the suffix that such files should have, if there is one."""
@@ -234,13 +184,13 @@ _COMMENTS = re.compile(r"(\s*(#[^\n]*)?\n)*\s*")
 def _reader_of(suffix: str, text: str) -> tuple[_Reader, tuple[str, ...]]:
     """The reader for the file's content, and a line for a name that contradicts it."""
     if suffix == ".csv":
-        return _read_csv, ()
+        return lambda text, _: csv.read_mission(text), ()
     begin = _COMMENTS.match(text)
     rest = text[begin.end() if begin else 0 :]
     if rest.startswith("{"):
         old = _PLAN.search(text) is None and _OLD_JSON.search(text) is not None
         surprise = () if suffix != ".waypoints" else ("the file is JSON, not a .waypoints file",)
-        return (_read_old_json if old else _read_plan), surprise
+        return (lambda text, _: plan.read_old_json(text)) if old else _read_plan, surprise
     line = rest.split("\n", 1)[0][:_LONGEST_FIRST_LINE]
     for pattern, reader, usual in _FIRST_LINES:
         if pattern.match(line):

@@ -25,7 +25,7 @@ from mission_io.formats.plan_items import (
     read_simple,
     simple_json,
 )
-from mission_io.formats.text import clean_text
+from mission_io.formats.text import MissionFile, clean_text
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.diff import diff_items
 from mission_io.model.enums import VehicleClass
@@ -329,17 +329,7 @@ def read_items(node: Node, repairs: list[str]) -> tuple[tuple[MissionItem, ...],
 _VERSIONS_1 = (1, "1", "1.0")
 
 
-@dataclass(frozen=True, slots=True)
-class OldFile:
-    """The one list that such a file holds, and what was repaired to read_old_json it, one line each."""
-
-    mission: Mission | None = None  # of a ``.mission``
-    fence: Fence | None = None  # of a ``.fence``
-    rally: RallyPoints | None = None  # of a ``.rally``
-    repairs: tuple[str, ...] = ()  # one line each
-
-
-def read_old_json(text: str) -> OldFile:
+def read_old_json(text: str) -> MissionFile:
     """Read a file of any of the three kinds, which its header names.
 
     Raises:
@@ -350,21 +340,21 @@ def read_old_json(text: str) -> OldFile:
     repairs = [*clean.repairs, "a QGroundControl file older than .plan"]
     kind = root.optional("fileType", lambda node: node.value, None)
     if kind == "GeoFence":
-        return OldFile(fence=read_fence_part(root, repairs), repairs=tuple(repairs))
+        return MissionFile(fence=read_fence_part(root, repairs), repairs=tuple(repairs))
     if kind == "RallyPoints":
-        return OldFile(rally=read_rally_part(root), repairs=tuple(repairs))
+        return MissionFile(rally=read_rally_part(root), repairs=tuple(repairs))
     if kind not in (None, "Mission") or "items" not in root.value:
         raise FormatError("the JSON is not a mission", where="file", advice="choose a .plan or .mission file")
     version = root.optional("version", lambda node: node.value, 1)
     if version in _VERSIONS_1 and version is not True:
-        return OldFile(_mission_of_version_1(root, repairs), repairs=tuple(repairs))
+        return MissionFile(_mission_of_version_1(root, repairs), repairs=tuple(repairs))
     if version != 2:
         raise FormatError(f"version {version!r:.20} is not known", where="file.version", advice="it must be 1 or 2")
     extras: dict[str, Mapping[str, Any]] = {}
     home = read_home(root.get("plannedHomePosition"), repairs, extras)
     items, entries = read_items(root.get("items"), repairs)
     _refuse_surveys(not all(entry.is_flyable for entry in entries))
-    return OldFile(Mission(home, items), repairs=tuple(repairs))
+    return MissionFile(Mission(home, items), repairs=tuple(repairs))
 
 
 def _mission_of_version_1(root: Node, repairs: list[str]) -> Mission:

@@ -188,7 +188,8 @@ def local_name(element: ElementTree.Element) -> str:
 
 def child_text(element: ElementTree.Element, name: str) -> str | None:
     """The text of the first child of a name, in any namespace; None where there is none."""
-    return next(((each.text or "").strip() for each in element if local_name(each) == name), None)
+    text = element.findtext(f"{{*}}{name}")
+    return None if text is None else text.strip()
 
 
 def number_in(text: str | None, where: str) -> float:

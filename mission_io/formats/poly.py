@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from mission_io.errors import FormatError
 from mission_io.formats.dialects import words_of
 from mission_io.formats.drawings import DrawnArea, open_ring
-from mission_io.formats.text import check_place, clean_text, degrees_text, finite_number
+from mission_io.formats.text import MissionFile, check_place, clean_text, degrees_text, finite_number
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import Frame
 
@@ -26,18 +26,6 @@ class PolyFile:
     repairs: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class FenFile:
-    """The content of a ``.fen`` file, and the repairs needed to read it.
-
-    The return point has no height in the file. It is set to 0 m above home, which autopilots take as "the height set in the
-    parameters".
-    """
-
-    fence: Fence
-    repairs: tuple[str, ...]
-
-
 def read_area(text: str) -> PolyFile:
     """Read a ``.poly`` file.
 
@@ -49,8 +37,11 @@ def read_area(text: str) -> PolyFile:
     return PolyFile(DrawnArea(ring), tuple(repairs))
 
 
-def read_fence(text: str) -> FenFile:
+def read_fence(text: str) -> MissionFile:
     """Read a ``.fen`` file.
+
+    The return point has no height in the file. It is set to 0 m above home, which autopilots take as "the height set in the
+    parameters".
 
     Raises:
         FormatError: with the line, for an invalid position, and for fewer than a return point and three corners.
@@ -60,7 +51,7 @@ def read_fence(text: str) -> FenFile:
         raise FormatError("the file contains no position", where="line 1", advice="the first line is the return point")
     ring = open_ring(places[1:], "the fence", repairs)
     return_point = FramedPoint(places[0].lat_deg, places[0].lon_deg, 0.0, Frame.ABOVE_HOME)
-    return FenFile(Fence((FencePolygon(ring),), (), return_point), tuple(repairs))
+    return MissionFile(fence=Fence((FencePolygon(ring),), (), return_point), repairs=tuple(repairs))
 
 
 def write_area(area: DrawnArea) -> str:
@@ -132,15 +123,7 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
 _RALLY_ADVICE = "a rally point consists of RALLY and 6 numbers"
 
 
-@dataclass(frozen=True, slots=True)
-class RallyFile:
-    """The content of a file of rally points, and what was dropped or repaired to read it, one line each."""
-
-    rally: RallyPoints
-    repairs: tuple[str, ...]
-
-
-def read_rally(text: str) -> RallyFile:
+def read_rally(text: str) -> MissionFile:
     """Read rally points, ``RALLY latitude longitude altitude break_altitude landing_direction flags`` a line.
 
     The altitude is in metres above home. Fields without a present equivalent are dropped, and listed where they are set.
@@ -167,4 +150,4 @@ def read_rally(text: str) -> RallyFile:
         if any(dropped):
             repairs.append(f"{where}: break altitude, landing direction and flags are not kept")
         points.append(FramedPoint(lat_deg, lon_deg, alt_m, Frame.ABOVE_HOME))
-    return RallyFile(RallyPoints(tuple(points)), tuple(repairs))
+    return MissionFile(rally=RallyPoints(tuple(points)), repairs=tuple(repairs))

@@ -1,4 +1,4 @@
-"""Text of mission files: decoding with a list of repairs, and numbers in decimal notation.
+"""Mission files: what they hold, their text with a list of repairs, and numbers in decimal notation.
 
 Numbers are written as the shortest plain decimals that read back as the same number.
 """
@@ -12,12 +12,47 @@ from functools import cache
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
+from mission_io.autopilots.autopilot import ARDUPILOT, MissionList, items_of
 from mission_io.errors import FormatError
+from mission_io.model.areas import Fence, RallyPoints
+from mission_io.model.items import Mission, MissionType
+from mission_io.model.places import doubts_about, doubts_about_fence
 
 if TYPE_CHECKING:
     import jinja2
 
 _WIDE = ((codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+
+
+@dataclass(frozen=True, slots=True)
+class MissionFile:
+    """Content of a mission file; None for a list that it does not have."""
+
+    mission: Mission | None = None  # its mission
+    fence: Fence | None = None  # its fence
+    rally: RallyPoints | None = None  # its rally points
+    repairs: tuple[str, ...] = ()  # what had to be repaired to read the file, one line each
+
+    @property
+    def lists(self) -> tuple[MissionList, ...]:
+        """The lists of the file, empty ones included: mission, fence, rally points."""
+        return tuple(one for one in (self.mission, self.fence, self.rally) if one is not None)
+
+    def has(self, mission_type: MissionType) -> bool:
+        """Whether the file has this list."""
+        return {MissionType.MISSION: self.mission, MissionType.FENCE: self.fence, MissionType.RALLY: self.rally}[
+            mission_type
+        ] is not None
+
+    @property
+    def filled_lists(self) -> tuple[MissionList, ...]:
+        """The lists that hold at least one item."""
+        return tuple(one for one in self.lists if items_of(one, ARDUPILOT)[isinstance(one, Mission) :])
+
+    def doubts(self) -> tuple[str, ...]:
+        """Probable mistakes, such as a route far from home, or a return point outside the fence, one line each."""
+        of_mission = () if self.mission is None else doubts_about(self.mission)
+        return of_mission if self.fence is None else (*of_mission, *doubts_about_fence(self.fence))
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,7 +67,7 @@ def read_route(text: str) -> PointRoute:
             advice="plan with heights above the take-off position (relativeToStartPoint)",
         )  # fmt: skip
     overall = child_text(folder, "autoFlightSpeed")
-    marks = [each for each in folder if local_name(each) == "Placemark"]
+    marks = folder.findall("{*}Placemark")
     cameras = cameras_of(marks)
     stops = [
         _stop(mark, n, _FRAMES[mode], overall, camera)
@@ -85,7 +85,7 @@ def read_route(text: str) -> PointRoute:
 
 def _stop(mark: ElementTree.Element, number: int, frame: Frame, overall: str | None, camera: StopCamera) -> RouteStop:
     where = f"point {number}"
-    point = next((each for each in mark if local_name(each) == "Point"), None)
+    point = mark.find("{*}Point")
     numbers = [] if point is None else (child_text(point, "coordinates") or "").split(",")
     if len(numbers) < 2:
         raise FormatError("the point has no longitude,latitude", where=where)
@@ -134,27 +134,26 @@ def cameras_of(marks: Sequence[ElementTree.Element]) -> list[StopCamera]:
         index_of[int(number_in(stated, f"point {k + 1}, index")) if stated else k] = k
     cameras = [StopCamera(heading_deg=_heading_deg(mark, k + 1)) for k, mark in enumerate(marks)]
     for number, mark in enumerate(marks, start=1):
-        for element in mark:
-            if local_name(element) == "actionGroup":
-                group = _group(element, f"point {number}, actionGroup")
-                first, last = index_of.get(group.first, number - 1), index_of.get(group.last, len(marks) - 1)
-                _apply(group, first, last, cameras, f"point {number}")
+        for element in mark.findall("{*}actionGroup"):
+            group = _group(element, f"point {number}, actionGroup")
+            first, last = index_of.get(group.first, number - 1), index_of.get(group.last, len(marks) - 1)
+            _apply(group, first, last, cameras, f"point {number}")
     return cameras
 
 
 def _group(element: ElementTree.Element, where: str) -> _Group:
-    trigger = next((each for each in element if local_name(each) == "actionTrigger"), element)
+    trigger = element.find("{*}actionTrigger")
+    trigger = element if trigger is None else trigger
     every = child_text(trigger, "actionTriggerParam")
     first, last = (
         int(number_in(child_text(element, name) or "-1", f"{where}, {name}"))
         for name in ("actionGroupStartIndex", "actionGroupEndIndex")
     )
     deeds = []
-    for action in element:
-        if local_name(action) == "action":
-            of = next((each for each in action if local_name(each) == "actionActuatorFuncParam"), None)
-            parameters = {} if of is None else {local_name(each): (each.text or "").strip() for each in of}
-            deeds.append((child_text(action, "actionActuatorFunc") or "", parameters))
+    for action in element.findall("{*}action"):
+        of = action.find("{*}actionActuatorFuncParam")
+        parameters = {} if of is None else {local_name(each): (each.text or "").strip() for each in of}
+        deeds.append((child_text(action, "actionActuatorFunc") or "", parameters))
     return _Group(
         first, last, child_text(trigger, "actionTriggerType") or "", number_in(every, where) if every else None, deeds
     )
@@ -188,7 +187,7 @@ def _apply(group: _Group, first: int, last: int, cameras: list[StopCamera], wher
 
 
 def _heading_deg(mark: ElementTree.Element, number: int) -> float | None:
-    held = next((each for each in mark if local_name(each) == "waypointHeadingParam"), None)
+    held = mark.find("{*}waypointHeadingParam")
     if held is None or child_text(held, "waypointHeadingMode") != "smoothTransition":
         return None
     angle = child_text(held, "waypointHeadingAngle")

@@ -172,3 +172,8 @@ class StreamLink(Protocol):
     def framing(self) -> FramingCounts:
         """Counts of bytes that were no frames."""
         ...
+
+
+def framing_of(link: Link) -> FramingCounts:
+    """Counts of bytes of a stream that were no frames; none for a link of datagrams."""
+    return link.framing if isinstance(link, StreamLink) else FramingCounts()

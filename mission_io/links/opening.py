@@ -22,7 +22,7 @@ from mission_io.links.base import (
     StreamLink,
     parse_url,
 )
-from mission_io.links.stream import ChannelLink
+from mission_io.links.stream import ChannelLink, OpenChannel
 from mission_io.links.tcp import TcpListeningLink, connect_tcp
 from mission_io.links.udp import UdpLink
 
@@ -93,55 +93,34 @@ _ADVICE = {
 }
 
 
-class SerialChannel:
+class SerialChannel(OpenChannel):
     """A non-blocking serial port.
 
     pyserial opens and configures it. Reading and writing is done here, since pyserial's ``write`` spins while a port accepts
     nothing, and its ``read`` discards data when the port disappears.
     """
 
-    def __init__(self, port: Any, name: str) -> None:
-        self._port, self._name = port, name
+    end = "the device is gone"
 
-    @property
-    def name(self) -> str:
-        """``serial port DEVICE``."""
-        return self._name
+    def __init__(self, port: Any, name: str) -> None:
+        super().__init__(name)
+        self._port = port
 
     def fileno(self) -> int:
         """Its file descriptor; -1 when closed."""
         return int(self._port.fileno()) if self._port.is_open else -1
 
-    def read(self, size: int) -> bytes:
-        """The bytes available now, possibly none."""
-        try:
-            data = os.read(self.fileno(), size)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from None
-        if not data:
-            raise self._gone("the device is gone")
-        return data
+    def receive(self, size: int) -> bytes:
+        """Bytes that have arrived, as the operating system has it."""
+        return os.read(self.fileno(), size)
 
-    def write(self, data: bytes) -> int:
-        """Send what can be sent at once; returns the number of bytes."""
-        try:
-            return os.write(self.fileno(), data)
-        except BlockingIOError:
-            return 0
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from None
+    def send(self, data: bytes) -> int:
+        """Send, as the operating system does it."""
+        return os.write(self.fileno(), data)
 
     def close(self) -> None:
         """Close the port."""
         self._port.close()
-
-    def _gone(self, why: str) -> LinkError:
-        if not self._port.is_open:
-            return LinkError(f"the link to {self._name} is closed")
-        self._port.close()
-        return LinkError(f"{self._name} is gone: {why}; open the link again when it is back")
 
 
 def open_serial(device: str, baud: int = DEFAULT_BAUD) -> ChannelLink:

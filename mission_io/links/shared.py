@@ -12,9 +12,9 @@ from typing import Final
 
 from mission_io.clock import Clock
 from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import Link, StreamLink
+from mission_io.links.base import Link, framing_of
 from mission_io.links.udp import Place, Places, UdpLink
-from mission_io.wire.framing import Framer, FramingCounts
+from mission_io.wire.framing import FramingCounts, frames_of
 
 MOST_WAITING: Final = 4096
 """Datagrams that wait for a share without a reader; of more, the oldest are lost, as in a socket's buffer."""
@@ -138,7 +138,7 @@ class LinkShare:
     @property
     def framing(self) -> FramingCounts:
         """Bytes of a stream that were no frame, for all shares together; none for a link of datagrams."""
-        return self._link.framing if isinstance(self._link, StreamLink) else FramingCounts()
+        return framing_of(self._link)
 
     def send(self, data: bytes) -> None:
         """Send one datagram: to the vehicle's address once it is known, otherwise to all addresses.
@@ -195,8 +195,7 @@ class LinkShare:
 
 def _without(data: bytes, systems: Collection[int]) -> bytes:
     """A datagram without the frames of some systems; other bytes stay where no frame is taken out."""
-    framer = Framer()
-    frames = [*framer.feed(data), *framer.end()]
+    frames = frames_of(data)
     if not any(frame.system_id in systems for frame in frames):
         return data
     return b"".join(frame.data for frame in frames if frame.system_id not in systems)

@@ -1,9 +1,10 @@
 """Frames over a byte stream: finds them in what arrives, and sends each of them whole or not at all."""
 
 import select
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterable, Sequence
-from typing import Final, Protocol
+from typing import ClassVar, Final, Protocol
 
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
@@ -17,35 +18,67 @@ SEND_BUFFER_BYTES: Final = 65_536
 """What waits to be sent to a peer that does not take it; frames that find no room are lost."""
 
 
-class Channel(Protocol):
-    """Something open that bytes go through, without waiting."""
+class OpenChannel(ABC):
+    """Something open that bytes go through, without waiting.
 
-    @property
-    def name(self) -> str:
-        """Name of the stream, for messages to people."""
-        ...
+    Attributes:
+        name: Name of the stream, for messages to people.
+        end: What it means that nothing can be read any more.
+    """
 
+    end: ClassVar[str]
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    @abstractmethod
     def fileno(self) -> int:
-        """Its number, to wait for it."""
-        ...
+        """Its number, to wait for it; negative when it is closed."""
+
+    @abstractmethod
+    def receive(self, size: int) -> bytes:
+        """Bytes that have arrived; none at the end. Raises OSError: it has gone, BlockingIOError: nothing has arrived."""
+
+    @abstractmethod
+    def send(self, data: bytes) -> int:
+        """Send what can be sent at once; how many bytes. Raises OSError as ``receive``."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of it; closing twice is fine."""
 
     def read(self, size: int) -> bytes:
         """Bytes that have arrived; none when there are none. Raises LinkError when the other end has gone."""
-        ...
+        try:
+            data = self.receive(size)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from None
+        if not data:
+            raise self._gone(self.end)
+        return data
 
     def write(self, data: bytes) -> int:
         """Send the bytes that can be sent at once; returns their number. Raises LinkError when the other end has gone."""
-        ...
+        try:
+            return self.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from None
 
-    def close(self) -> None:
-        """Let go of it; closing twice is fine."""
-        ...
+    def _gone(self, why: str) -> LinkError:
+        if self.fileno() < 0:
+            return LinkError(f"the link to {self.name} is closed")
+        self.close()
+        return LinkError(f"{self.name} is gone: {why}; open the link again when it is back")
 
 
 class FramedChannel:
     """Frames in and out of one channel."""
 
-    def __init__(self, channel: Channel, clock: Clock) -> None:
+    def __init__(self, channel: OpenChannel, clock: Clock) -> None:
         self.channel = channel
         self._clock = clock
         self._framer = Framer()
@@ -107,7 +140,7 @@ class ChannelLink(Closing):
     When the other end goes away that is one LinkError; what had arrived before is delivered first.
     """
 
-    def __init__(self, channel: Channel, clock: Clock | None = None) -> None:
+    def __init__(self, channel: OpenChannel, clock: Clock | None = None) -> None:
         self._clock = clock if clock is not None else MonotonicClock()
         self._framed = FramedChannel(channel, self._clock)
         self._frames: deque[bytes] = deque()

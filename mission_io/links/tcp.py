@@ -8,7 +8,7 @@ from typing import Final
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
 from mission_io.links.base import DEFAULT_HOST, Closing, port_of
-from mission_io.links.stream import ChannelLink, FramedChannel, wait_for
+from mission_io.links.stream import ChannelLink, FramedChannel, OpenChannel, wait_for
 from mission_io.wire.framing import FramingCounts
 
 CONNECT_TIMEOUT_S: Final = 5.0
@@ -17,53 +17,32 @@ MOST_PEERS: Final = 16
 _log = logging.getLogger(__name__)
 
 
-class TcpChannel:
+class TcpChannel(OpenChannel):
     """One TCP connection, without waiting."""
+
+    end = "it closed the connection"
 
     def __init__(self, sock: socket.socket, name: str) -> None:
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a mission item must not wait for the next one
-        self._socket, self._name = sock, name
-
-    @property
-    def name(self) -> str:
-        """``TCP HOST:PORT`` of the other end."""
-        return self._name
+        super().__init__(name)
+        self._socket = sock
 
     def fileno(self) -> int:
         """The number of its socket."""
         return self._socket.fileno()
 
-    def read(self, size: int) -> bytes:
-        """Bytes that have arrived; none when there are none."""
-        try:
-            data = self._socket.recv(size)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from None
-        if not data:
-            raise self._gone("it closed the connection")
-        return data
+    def receive(self, size: int) -> bytes:
+        """Bytes that have arrived, as the socket has it."""
+        return self._socket.recv(size)
 
-    def write(self, data: bytes) -> int:
-        """Send what can be sent at once; how many bytes that was."""
-        try:
-            return self._socket.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from None
+    def send(self, data: bytes) -> int:
+        """Send, as the socket does it."""
+        return self._socket.send(data)
 
     def close(self) -> None:
         """Let go of it."""
         self._socket.close()
-
-    def _gone(self, why: str) -> LinkError:
-        if self._socket.fileno() < 0:
-            return LinkError(f"the link to {self._name} is closed")
-        self._socket.close()
-        return LinkError(f"{self._name} is gone: {why}; open the link again when it is back")
 
 
 def connect_tcp(host: str, port: int, *, timeout_s: float = CONNECT_TIMEOUT_S) -> ChannelLink:

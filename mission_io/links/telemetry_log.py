@@ -12,16 +12,11 @@ from typing import Final
 
 from mission_io.clock import Clock, MonotonicClock, SystemClock, UnixClock
 from mission_io.errors import LinkError
-from mission_io.links.base import Closing, Link, StreamLink, WrappingLink
-from mission_io.wire.framing import Framer, FramingCounts, frames_by_length
+from mission_io.links.base import Closing, Link, WrappingLink, framing_of
+from mission_io.wire.framing import FramingCounts, frames_by_length, frames_of
 
 FLUSH_S: Final = 0.2
 """What was written reaches the operating system at least so often: a killed process loses no more."""
-
-
-def _frames_in(data: bytes) -> list[bytes]:
-    framer = Framer()
-    return [frame.data for frame in (*framer.feed(data), *framer.end())]
 
 
 class TelemetryLogWriter(Closing):
@@ -60,7 +55,7 @@ class TelemetryLogWriter(Closing):
         """Write the frames in a datagram, as of now."""
         if self.error is not None:
             return
-        frames = frames_by_length(data) or _frames_in(data)
+        frames = frames_by_length(data) or [frame.data for frame in frames_of(data)]
         stamp = round(self._clock.unix_s() * 1e6).to_bytes(8, "big")
         try:
             for frame in frames:
@@ -123,7 +118,7 @@ class LoggedLink(WrappingLink):
     @property
     def framing(self) -> FramingCounts:
         """Bytes of a stream that were no frame; none for a link of datagrams."""
-        return self._link.framing if isinstance(self._link, StreamLink) else FramingCounts()
+        return framing_of(self._link)
 
     def send(self, data: bytes) -> None:
         """Send one datagram."""
@@ -140,7 +135,3 @@ class LoggedLink(WrappingLink):
             else:
                 self._log.write(data)
         return data
-
-    def close(self) -> None:
-        """Let go of the port; closing twice is fine. The log stays open."""
-        self._link.close()

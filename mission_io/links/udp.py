@@ -8,7 +8,7 @@ from typing import Final, Self
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
 from mission_io.links.base import DEFAULT_HOST, Closing, port_of
-from mission_io.wire.framing import Framer
+from mission_io.wire.framing import frames_of
 
 # The addresses that speak to a listening port, and the addresses to send to.
 
@@ -88,9 +88,7 @@ class Places:
 
 def _heartbeats_in(data: bytes) -> set[tuple[int, int]]:
     """System and component of the heartbeats in a datagram."""
-    framer = Framer()
-    frames = [*framer.feed(data), *framer.end()]
-    return {(frame.system_id, frame.component_id) for frame in frames if frame.message_id == _HEARTBEAT}
+    return {(frame.system_id, frame.component_id) for frame in frames_of(data) if frame.message_id == _HEARTBEAT}
 
 
 class UdpLink(Closing):

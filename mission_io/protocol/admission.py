@@ -8,8 +8,7 @@ from mission_io.errors import FormatError
 from mission_io.model.areas import fence_from_items, rally_from_items
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
-from mission_io.protocol.exchange import Address
-from mission_io.wire.messages import MissionItemFloat, MissionItemInt
+from mission_io.wire.messages import Address, MissionItemFloat, MissionItemInt
 from mission_io.wire.mission_items import item_from_message
 
 _INVALID_PARAMS = (

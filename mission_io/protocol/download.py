@@ -5,7 +5,6 @@ download whose requests skip one, so a lost datagram would begin it anew: there 
 nothing was lost, and on a link so short that beginning anew costs little.
 """
 
-from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import ClassVar, Unpack
 
@@ -95,8 +94,6 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
 )
 """Every transition of a download. A finished download ignores everything."""
 
-DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELLED, _S.SILENT, _S.CHANGING, _S.STUCK})
-
 
 _ACK_EVENTS: dict[int, DownloadEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
@@ -136,11 +133,6 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._error_at = -1  # the item that an error came instead of
         self._errors_there = 0
         self._send_list(options["now"])
-
-    @property
-    def finished(self) -> bool:
-        """Whether the download is over; ``state`` says how."""
-        return self.state in DOWNLOAD_ENDS
 
     @property
     def count(self) -> int | None:
@@ -225,25 +217,9 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         too_often = event is DownloadEvent.STALL and self.restarts >= TRANSFERS.restarts
         return DownloadEvent.NO_PROGRESS if too_often else event
 
-    def _actions(self) -> Mapping[str, Callable[[float], None]]:
-        return {
-            "begin": self._begin,
-            "finish": self._finish,
-            "store": self._store,
-            "store_last": self._store_last,
-            "resend_requests": self._resend_requests,
-            "resend_list": self._resend_list,
-            "begin_anew": self._begin_anew,
-            "ask_anew": self._ask_anew,
-            "note_busy": self._note_busy,
-            "note_broken_off": self._note_broken_off,
-            "send_cancel": self._send_cancel,
-        }
-
     def _send_list(self, now: float) -> None:
-        to = self.vehicle
         self._list_sent_at = now
-        self._send(m.MissionRequestList(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
+        self._send(m.MissionRequestList(*self.vehicle, self.mission_type), now, question=OPENING)
 
     def _resend_list(self, now: float) -> None:
         self._count_silence()
@@ -315,8 +291,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
 
     def _ask(self, seq: int, now: float) -> None:
         self._asked_to = max(self._asked_to, seq + 1)
-        to = self.vehicle
-        self._send(m.MissionRequestInt(to.system_id, to.component_id, seq, self.mission_type), now, question=seq)
+        self._send(m.MissionRequestInt(*self.vehicle, seq, self.mission_type), now, question=seq)
 
     def _resend_requests(self, now: float) -> None:
         self._count_silence()

@@ -1,8 +1,6 @@
 """The common part of the client's three exchanges: upload, download and clear."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from operator import itemgetter
 from typing import ClassVar, Generic, Required, TypedDict, TypeVar, Unpack
@@ -12,20 +10,12 @@ from mission_io.model.items import MissionType
 from mission_io.protocol.tables import Row, Table, staying
 from mission_io.protocol.timing import Departures, Patience, Timing
 from mission_io.protocol.tuning import TRANSFERS
-from mission_io.wire.messages import Message, MissionAck, MissionClearAll, Received, is_for
+from mission_io.wire.messages import Address, Message, MissionAck, MissionClearAll, Received, is_for
 
 StateT = TypeVar("StateT", bound=Enum)
 
 
 EventT = TypeVar("EventT", bound=Enum)
-
-
-@dataclass(frozen=True, slots=True)
-class Address:
-    """A system and one of its components."""
-
-    system_id: int
-    component_id: int
 
 
 OPENING = -1
@@ -47,7 +37,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
     """One exchange with one vehicle about one list.
 
     Call ``receive`` with every message, and ``messages_to_send`` after that and whenever ``next_timer`` expires, until
-    ``finished``. Messages from others, for others, or about another list have no effect.
+    ``finished``. Messages from others, for others, or about another list have no effect. An action of ``table`` is a method.
 
     Attributes:
         patience: What was learnt about the link; pass it to the next exchange with the same vehicle.
@@ -90,9 +80,9 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self._next_timer: float | None = None
 
     @property
-    @abstractmethod
     def finished(self) -> bool:
         """Whether the exchange is over; ``state`` says how."""
+        return self.table.is_end(self.state)
 
     @abstractmethod
     def _event_of(self, message: Message, now: float) -> EventT | None:
@@ -109,15 +99,10 @@ class Exchange(ABC, Generic[StateT, EventT]):
         """The event of a deadline at its time."""
         return event
 
-    @abstractmethod
-    def _actions(self) -> Mapping[str, Callable[[float], None]]:
-        """The actions of the table."""
-
     def receive(self, received: Received, now: float) -> None:
         """Process a message that arrived at ``now``."""
         message = received.message
-        sender = Address(received.system_id, received.component_id)
-        if self.finished or sender != self.vehicle:
+        if self.finished or received.sender != self.vehicle:
             return
         if not is_for(message, system_id=self.local.system_id, component_id=self.local.component_id):
             return
@@ -162,7 +147,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
             self._waiting_since = now
         self.state = row.next_state
         if row.action:
-            self._actions()[row.action](now)
+            getattr(self, f"_{row.action}")(now)
 
     def _send(self, message: Message, now: float, *, question: int | None = None) -> None:
         """Send; ``question`` is the number that ``_answered`` will get with the answer."""
@@ -216,23 +201,15 @@ class Exchange(ABC, Generic[StateT, EventT]):
         self._ahead = self._clean = 0
 
     def _send_result(self, result: MissionResult, now: float) -> None:
-        to = self.vehicle
-        self._send(MissionAck(to.system_id, to.component_id, result, self.mission_type), now)
+        self._send(MissionAck(*self.vehicle, result, self.mission_type), now)
 
     def _send_cancel(self, now: float) -> None:
         """Tell the vehicle that the transfer is cancelled. It is not answered: on a lossy link it is sent three times."""
         for _ in range(TRANSFERS.cancels_on_a_bad_link if self.silences else 1):
             self._send_result(MissionResult.OPERATION_CANCELLED, now)
 
-    def _on_its_way(self, question: int, now: float) -> bool:
-        """Whether the requested item was sent less than a round trip ago, so that the two crossed."""
-        return self._sent_within(1.0, question, now)
-
-    def _just_sent(self, question: int, now: float) -> bool:
-        """Whether it was sent too recently to have arrived."""
-        return self._sent_within(0.5, question, now)
-
     def _sent_within(self, round_trips: float, question: int, now: float) -> bool:
+        """Whether a question was last sent less than a number of round trips ago."""
         age_s = self._departures.age_s(question, now)
         round_trip = self.patience.round_trip
         return age_s is not None and round_trip is not None and age_s < round_trips * round_trip.smoothed_s
@@ -311,8 +288,6 @@ CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
 )
 """Every transition of a clear. A finished clear ignores everything."""
 
-CLEAR_ENDS = frozenset({_S.CLEARED, _S.REFUSED, _S.SILENT, _S.STUCK})
-
 _ACK_EVENTS: dict[int, ClearEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
     MissionResult.DENIED: _E.ACK_BUSY,
@@ -331,11 +306,6 @@ class Clear(Exchange[ClearState, ClearEvent]):
     def __init__(self, **options: Unpack[ExchangeOptions]) -> None:
         super().__init__(ClearState.ASKED, **options)
         self._ask(options["now"])
-
-    @property
-    def finished(self) -> bool:
-        """Whether the clear is over; ``state`` says how."""
-        return self.state in CLEAR_ENDS
 
     def cancel(self, now: float) -> None:
         """No effect: the vehicle may have emptied the list already."""
@@ -359,17 +329,8 @@ class Clear(Exchange[ClearState, ClearEvent]):
             (self._waiting_since + timing.busy_retry_s, ClearEvent.RETRY),
         ]
 
-    def _actions(self) -> Mapping[str, Callable[[float], None]]:
-        return {
-            "finish": self._finish,
-            "resend": self._resend,
-            "ask_anew": self._ask_anew,
-            "note_busy": self._note_busy,
-        }
-
     def _ask(self, now: float) -> None:
-        to = self.vehicle
-        self._send(MissionClearAll(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
+        self._send(MissionClearAll(*self.vehicle, self.mission_type), now, question=OPENING)
 
     def _finish(self, now: float) -> None:
         self._answered(OPENING, now)

@@ -266,118 +266,138 @@ class FtpWindow:
         self._late.clear()
 
 
-# The list of a folder by MAVLink FTP: page after page, until the vehicle reports its end.
+class FtpState(Enum):
+    """Where a transfer is; a list of a folder is either opening or at an end."""
 
-
-@dataclass(frozen=True, slots=True)
-class FtpEntry:
-    """A file or a folder in a folder."""
-
-    name: str  # without the folder
-    size_bytes: int | None  # of a file; None for a folder, and where the vehicle says none
-    is_folder: bool  # whether it is a folder
-
-
-class FtpListingState(Enum):
-    """Where a listing is."""
-
-    ASKING = "asking"
+    OPENING = "opening"
+    BURSTS = "reading in bursts"
+    GAPS = "reading what is missing"
+    WRITING = "writing"
+    PROBING = "finding out what is missing"
+    CLOSING = "closing"
+    CHECKING = "comparing the CRC"
     DONE = "done"
     REFUSED = "refused"
+    DIFFERS = "arrived with a different CRC"
     SILENT = "silent"
 
 
-class FtpListing:
-    """One folder; sans-IO.
+_ENDS = (FtpState.DONE, FtpState.REFUSED, FtpState.DIFFERS, FtpState.SILENT)
 
-    Args:
-        path: The folder.
-        now: The present time in seconds.
-        silent_s: Silence after which it gives up.
+
+class FtpTransfer:
+    """The common part of uploads, downloads and lists of folders; sans-IO.
+
+    One question at a time (opening, closing, comparing) is repeated until it is answered; in between, the file's pieces travel.
+
+    Attributes:
+        why: The reason of the state, at the end.
     """
 
-    def __init__(self, path: str, *, now: float, silent_s: float = 30.0) -> None:
+    silence = "no answer"
+
+    def __init__(self, path: str, *, now: float, silent_s: float) -> None:
         self.path, self.silent_s = path, silent_s
-        self.state, self.why = FtpListingState.ASKING, ""
-        self._path = path_bytes(path if path == "/" else path.rstrip("/"))
-        self._entries: dict[str, FtpEntry] = {}
-        self._offset, self._heard_at_s = 0, now
-        # a server answers a repeated number as it did before, and an earlier transfer may have ended with any.
-        self._seq = round(now * 1000.0) % 65536
+        self.state, self.why = FtpState.OPENING, ""
+        self._path = path_bytes(path)
+        # A server answers a repeated number as it did before, and an earlier transfer may have ended with any.
+        self._session, self._seq = 0, round(now * 1000.0) % 65536
         self._waits = FtpWaits()
-        self._question = self._next_question()
+        self._question: tuple[FtpQuestion, FtpState] | None = None
+        self._heard_at_s = now
+        self._crc_tries = 0
 
     @property
     def finished(self) -> bool:
         """Whether it has ended, well or not."""
-        return self.state is not FtpListingState.ASKING
-
-    @property
-    def entries(self) -> list[FtpEntry]:
-        """Known entries of the folder: folders first, by name."""
-        return sorted(self._entries.values(), key=lambda entry: (not entry.is_folder, entry.name))
+        return self.state in _ENDS
 
     def messages_to_send(self, now: float) -> list[FtpMessage]:
         """Messages to send at ``now``."""
         if self.finished:
             return []
         if now >= self._heard_at_s + self.silent_s:
-            self.state, self.why = FtpListingState.SILENT, f"no answer for {self.silent_s:g} s"
+            self.state, self.why = FtpState.SILENT, f"{self.silence} for {self.silent_s:g} s"
             return []
-        return self._question.messages_to_send(now)
+        return self._piece_requests(now) if self._question is None else self._question[0].messages_to_send(now)
 
     def next_timer(self) -> float | None:
         """When it wants to be asked again; None when it has ended."""
-        return None if self.finished else min(self._heard_at_s + self.silent_s, self._question.next_timer)
+        if self.finished:
+            return None
+        silent_at_s = self._heard_at_s + self.silent_s
+        due_at_s = self._pieces_due_at_s() if self._question is None else self._question[0].next_timer
+        return silent_at_s if due_at_s is None else min(silent_at_s, due_at_s)
 
     def receive(self, payload: bytes, now: float) -> None:
         """Take the payload of an answer."""
         answer = FtpMessage.answer(payload)
         if self.finished or answer is None:
             return
-        if not self._question.is_answered_by(answer, now):
+        if self._question is None:
+            self._take_answer(answer, now)
             return
-        self._heard_at_s = now
-        if answer.error == FtpError.END_OF_FILE:
-            self.state = FtpListingState.DONE
-        elif answer.error is not None:
-            self._refuse(f"LIST_DIRECTORY: {answer.error_text}")
-        else:
-            self._take_page(answer.data)
+        question, then = self._question
+        if question.is_answered_by(answer, now):
+            self._question, self._heard_at_s = None, now
+            self._take_control(answer, FtpOperation(question.request.operation), then, now)
 
-    def _next_question(self) -> FtpQuestion:
-        self._seq = (self._seq + 1) % 65536
-        request = FtpMessage(self._seq, FtpOperation.LIST_DIRECTORY, offset=self._offset, data=self._path)
-        return FtpQuestion(request, self._waits)
+    # What the pieces of the file need; a list of a folder has none.
+
+    def _piece_requests(self, now: float) -> list[FtpMessage]:
+        del now
+        return []
+
+    def _pieces_due_at_s(self) -> float | None:
+        return None
+
+    def _take_answer(self, answer: FtpMessage, now: float) -> None:
+        """Take an answer while no question is open."""
+
+    # Questions.
+
+    def _ask(
+        self, operation: FtpOperation, then: FtpState, *, session: int = 0, offset: int = 0, step: int = 1
+    ) -> None:
+        """Ask about the file, or about a session; in state ``then`` it goes on."""
+        about_file = operation not in (FtpOperation.TERMINATE_SESSION, FtpOperation.RESET_SESSIONS)
+        request = FtpMessage(self._next_seq(step), operation, session, offset, self._path if about_file else b"")
+        self._question = FtpQuestion(request, self._waits), then
+
+    def _next_seq(self, step: int = 1) -> int:
+        self._seq = (self._seq + step) % 65536
+        return self._seq
 
     def _refuse(self, why: str) -> None:
-        self.state, self.why = FtpListingState.REFUSED, why
+        self.state, self.why = FtpState.REFUSED, why
 
-    def _take_page(self, data: bytes) -> None:
-        lines = [line for line in data.split(b"\0") if line]
-        if not lines:
-            self.state = FtpListingState.DONE
-            return
-        self._offset += len(lines)
-        try:
-            page = [_entry(line) for line in lines if line[:1] != b"S" and line not in (b"D.", b"D..")]  # S: skipped
-        except FormatError as error:
-            self._refuse(str(error))
-            return
-        again = next((entry.name for entry in page if entry.name in self._entries), None)
-        self._entries |= {entry.name: entry for entry in page}
-        if again is not None:
-            self._refuse(f"the vehicle lists {again!r} repeatedly, or the folder is changing")
-        elif self._offset > FILES.most_entries:
-            self._refuse(f"the vehicle lists more than {FILES.most_entries} entries")
+    def _take_control(self, answer: FtpMessage, operation: FtpOperation, then: FtpState, now: float) -> None:
+        """Take the answer to a question."""
+        if operation in (FtpOperation.TERMINATE_SESSION, FtpOperation.RESET_SESSIONS):
+            self._go(then)
+        elif answer.error is None:
+            self._take_success(answer, operation, then, now)
+        elif answer.error in (FtpError.FAIL, FtpError.NO_SESSIONS_AVAILABLE) and not self.why:
+            self.why = "a file was open"  # perhaps ours, from before
+            self._ask(FtpOperation.RESET_SESSIONS, self.state)
         else:
-            self._question = self._next_question()
+            self._refuse(f"{operation.name}: {answer.error_text}")
+
+    def _go(self, then: FtpState) -> None:
+        """Go on after a session was closed."""
+
+    def _take_success(self, answer: FtpMessage, operation: FtpOperation, then: FtpState, now: float) -> None:
+        """Take the answer to a question that was not refused."""
+
+    def _ends_equal(self, arrived: int, sent: int, advice: str = "") -> bool:
+        """Whether two CRCs end the transfer: they are equal, or differ once too often."""
+        self._crc_tries += 1
+        if arrived == sent:
+            self.state = FtpState.DONE
+        elif self._crc_tries >= FILES.tries_of_crc:
+            self.state = FtpState.DIFFERS
+            self.why = f"CRC {arrived:08x} instead of {sent:08x} after {self._crc_tries} tries{advice}"
+        return self.finished
 
 
-def _entry(line: bytes) -> FtpEntry:
-    """From ``Dname`` or ``Fname<tab>size``."""
-    text = line.decode("utf-8", errors="backslashreplace")
-    kind, (name, _, size) = text[0], text[1:].partition("\t")
-    if kind not in "DF" or not name or not ((size.isascii() and size.isdigit()) or not size):
-        raise FormatError(f"{text!r} is not an entry of a folder")
-    return FtpEntry(name, int(size) if size and kind == "F" else None, kind == "D")
+# The list of a folder by MAVLink FTP: page after page, until the vehicle reports its end.

@@ -1,25 +1,25 @@
-"""Download of a file by MAVLink FTP: bursts from the beginning to the end, then single reads of the gaps.
+"""Download of a file by MAVLink FTP, or of a folder's entries.
 
-A burst costs one request for hundreds of pieces. The next one begins where it ended, without waiting for what was lost. The
-gaps are read one by one, several requests on the way at once. The announced size bounds what is kept; a file may end before it
-(ArduPilot announces 1 MB for a mission). The CRC of the whole file decides at the end. After a pause of the link, or a restart
-of the vehicle, it goes on where it was.
+A file is read by bursts from the beginning to the end, then by single reads of the gaps. A burst costs one request for hundreds
+of pieces. The next one begins where it ended, without waiting for what was lost. The gaps are read one by one, several requests
+on the way at once. The announced size bounds what is kept; a file may end before it (ArduPilot announces 1 MB for a mission).
+The CRC of the whole file decides at the end. After a pause of the link, or a restart of the vehicle, it goes on where it was.
 """
 
 import math
 from collections import deque
-from enum import Enum
+from dataclasses import dataclass
 
+from mission_io.errors import FormatError
 from mission_io.protocol.ftp import (
     DATA_BYTES,
     FtpError,
     FtpMessage,
     FtpOperation,
-    FtpQuestion,
-    FtpWaits,
+    FtpState,
+    FtpTransfer,
     FtpWindow,
     crc32,
-    path_bytes,
 )
 from mission_io.protocol.tuning import FILES
 
@@ -27,22 +27,8 @@ MOST_BYTES = 1 << 30
 """A file that is announced larger is refused: sooner nonsense than a file."""
 
 
-class FtpDownloadState(Enum):
-    """Where a download is."""
-
-    OPENING = "opening"
-    BURSTS = "reading in bursts"
-    GAPS = "reading what is missing"
-    CLOSING = "closing"
-    CHECKING = "comparing the CRC"
-    DONE = "done"
-    REFUSED = "refused"
-    DIFFERS = "arrived with a different CRC"
-    SILENT = "silent"
-
-
-class FtpDownload:
-    """One file on its way from a vehicle; sans-IO.
+class FtpDownload(FtpTransfer):
+    """One file on its way from a vehicle.
 
     Args:
         path: Where the vehicle keeps it.
@@ -53,40 +39,28 @@ class FtpDownload:
         resume: A download of the same path that gave up: what it has is not read again while the announced size is the same.
     """
 
+    silence = "nothing new"
+
     def __init__(
         self, path: str, *, now: float, window: int = 5, silent_s: float = 30.0, most_bytes: int = MOST_BYTES,
         resume: "FtpDownload | None" = None,
     ) -> None:  # fmt: skip
-        self.path, self.window, self.silent_s, self.most_bytes = path, max(1, window), silent_s, most_bytes
-        self.state = FtpDownloadState.OPENING
-        self.why = ""
+        super().__init__(path, now=now, silent_s=silent_s)
+        self.window, self.most_bytes = max(1, window), most_bytes
         goes_on = resume is not None and resume.path == path
         self._size: int | None = resume._size if goes_on and resume is not None else None
         self._pieces: dict[int, bytes] = dict(resume._pieces) if goes_on and resume is not None else {}
         self._end: int | None = None
         self.across_bytes = sum(map(len, self._pieces.values()))
         """Bytes that are here."""
-        self._path = path_bytes(path)
-        # A server answers a repeated number as it did before, and an earlier transfer may have ended with any.
-        self._session, self._seq = 0, round(now * 1000.0) % 65536
-        self._waits = FtpWaits()
-        self._question: tuple[FtpQuestion, FtpDownloadState] | None = None
         self._bursts, self._reads = FtpWindow(self._waits), FtpWindow(self._waits)
         self._todo: deque[int] = deque()
         self._reach = 0
         self._burst_seq: int | None = None
         self._burst_heard_at_s, self._burst_gap_s, self._deaf_bursts = now, FILES.first_gap_s, 0
         self._has_bursts = True
-        self._new_at_s = now
-        self._failures = self._crc_tries = self._most_across_bytes = 0
-        self._ask(FtpMessage(self._next_seq(), FtpOperation.OPEN_FILE_RO, data=self._path), FtpDownloadState.BURSTS)
-
-    @property
-    def finished(self) -> bool:
-        """Whether it has ended, well or not."""
-        return self.state in (
-            FtpDownloadState.DONE, FtpDownloadState.REFUSED, FtpDownloadState.DIFFERS, FtpDownloadState.SILENT,
-        )  # fmt: skip
+        self._failures = self._most_across_bytes = 0
+        self._ask(FtpOperation.OPEN_FILE_RO, FtpState.BURSTS)
 
     @property
     def content(self) -> bytes:
@@ -98,43 +72,18 @@ class FtpDownload:
         """Size of the file by the vehicle's messages; 0 before the first one."""
         return (self._size or 0) if self._end is None else self._end
 
-    def messages_to_send(self, now: float) -> list[FtpMessage]:
-        """Messages to send at ``now``."""
-        if self.finished:
-            return []
-        if now >= self._new_at_s + self.silent_s:
-            self.state, self.why = FtpDownloadState.SILENT, f"nothing new for {self.silent_s:g} s"
-            return []
-        if self._question is not None:
-            return self._question[0].messages_to_send(now)
-        return self._burst(now) if self.state is FtpDownloadState.BURSTS else self._single_reads(now)
+    def _piece_requests(self, now: float) -> list[FtpMessage]:
+        return self._burst(now) if self.state is FtpState.BURSTS else self._single_reads(now)
 
-    def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it has ended."""
-        if self.finished:
-            return None
-        if self._question is not None:
-            due_at_s: float | None = self._question[0].next_timer
-        elif self.state is FtpDownloadState.BURSTS:
-            due_at_s = self._burst_heard_at_s + (0.0 if self._burst_seq is None else self._burst_wait_s)
-        else:
-            due_at_s = self._reads.next_timer()
-        silent_at_s = self._new_at_s + self.silent_s
-        return silent_at_s if due_at_s is None else min(silent_at_s, due_at_s)
+    def _pieces_due_at_s(self) -> float | None:
+        if self.state is not FtpState.BURSTS:
+            return self._reads.next_timer()
+        return self._burst_heard_at_s + (0.0 if self._burst_seq is None else self._burst_wait_s)
 
-    def receive(self, payload: bytes, now: float) -> None:
-        """Take the payload of an answer."""
-        answer = FtpMessage.answer(payload)
-        if self.finished or answer is None:
+    def _take_answer(self, answer: FtpMessage, now: float) -> None:
+        if answer.session != self._session:
             return
-        if self._question is not None:
-            question, then = self._question
-            if question.is_answered_by(answer, now):
-                self._question, self._new_at_s = None, now
-                self._take_control(answer, question.request, then, now)
-        elif answer.session != self._session:
-            return
-        elif answer.answers == FtpOperation.BURST_READ_FILE:
+        if answer.answers == FtpOperation.BURST_READ_FILE:
             if (self._seq + FILES.beyond_a_burst - answer.seq) % 65536 < FILES.recent_answers:
                 self._take_burst(answer, now)
         elif answer.answers == FtpOperation.READ_FILE:
@@ -142,17 +91,7 @@ class FtpDownload:
             if piece is not None:
                 self._take_read(answer, piece, now)
 
-    # Opening, closing, comparing: one request at a time, until it is answered.
-
-    def _ask(self, request: FtpMessage, then: FtpDownloadState) -> None:
-        self._question = FtpQuestion(request, self._waits), then
-
-    def _next_seq(self, step: int = 1) -> int:
-        self._seq = (self._seq + step) % 65536
-        return self._seq
-
-    def _refuse(self, why: str) -> None:
-        self.state, self.why = FtpDownloadState.REFUSED, why
+    # Opening, closing, comparing.
 
     def _fail(self, why: str) -> bool:
         """Count a repaired gap; False after too many of them without new data."""
@@ -161,26 +100,23 @@ class FtpDownload:
             self._refuse(f"{why}, {self._failures} times")
         return not self.finished
 
-    def _take_control(self, answer: FtpMessage, request: FtpMessage, then: FtpDownloadState, now: float) -> None:
-        error, operation = answer.error, FtpOperation(request.operation)
-        if operation in (FtpOperation.TERMINATE_SESSION, FtpOperation.RESET_SESSIONS):
-            self.state = then
-            checks = then is FtpDownloadState.CHECKING
-            operation = FtpOperation.CALC_FILE_CRC32 if checks else FtpOperation.OPEN_FILE_RO
-            self._ask(
-                FtpMessage(self._next_seq(), operation, data=self._path), then if checks else FtpDownloadState.BURSTS
-            )
-        elif error is None and len(answer.data) < 4:
-            self._refuse(f"{operation.name}: an answer of {len(answer.data)} bytes instead of 4")
-        elif error is None and operation is FtpOperation.CALC_FILE_CRC32:
-            self._compare(int.from_bytes(answer.data[:4], "little"))
-        elif error is None:
-            self._begin(answer.session, int.from_bytes(answer.data[:4], "little"), now)
-        elif error in (FtpError.FAIL, FtpError.NO_SESSIONS_AVAILABLE) and not self.why:
-            self.why = "a file was open"  # perhaps ours, from before
-            self._ask(FtpMessage(self._next_seq(), FtpOperation.RESET_SESSIONS), self.state)
+    def _go(self, then: FtpState) -> None:
+        self.state = then
+        if then is FtpState.CHECKING:
+            self._ask(FtpOperation.CALC_FILE_CRC32, then)
         else:
-            self._refuse(f"{operation.name}: {answer.error_text}")
+            self._ask(FtpOperation.OPEN_FILE_RO, FtpState.BURSTS)
+
+    def _take_success(self, answer: FtpMessage, operation: FtpOperation, then: FtpState, now: float) -> None:
+        del then
+        number = int.from_bytes(answer.data[:4], "little")
+        if len(answer.data) < 4:
+            self._refuse(f"{operation.name}: an answer of {len(answer.data)} bytes instead of 4")
+        elif operation is not FtpOperation.CALC_FILE_CRC32:
+            self._begin(answer.session, number, now)
+        elif not self._ends_equal(crc32(self.content), number, "; it may be changing"):
+            self._forget()
+            self._close(FtpState.OPENING)
 
     def _begin(self, session: int, size: int, now: float) -> None:
         if size > self.most_bytes:
@@ -190,28 +126,14 @@ class FtpDownload:
             self._forget()
         self._size, self._session, self.why = size, session, ""
         self._reach = max(self._pieces, default=-1) + 1
-        self.state, self._burst_seq, self._deaf_bursts = FtpDownloadState.BURSTS, None, 0
+        self.state, self._burst_seq, self._deaf_bursts = FtpState.BURSTS, None, 0
         self._burst_heard_at_s = now
 
-    def _close(self, then: FtpDownloadState) -> None:
+    def _close(self, then: FtpState) -> None:
         self._bursts.clear()
         self._reads.clear()
-        self.state = FtpDownloadState.CLOSING
-        request = FtpMessage(self._next_seq(FILES.beyond_a_burst), FtpOperation.TERMINATE_SESSION, self._session)
-        self._ask(request, then)
-
-    def _compare(self, found: int) -> None:
-        here = crc32(self.content)
-        if found == here:
-            self.state = FtpDownloadState.DONE
-            return
-        self._crc_tries += 1
-        if self._crc_tries >= FILES.tries_of_crc:
-            self.state = FtpDownloadState.DIFFERS
-            self.why = f"CRC {here:08x} instead of {found:08x} after {self._crc_tries} tries; it may be changing"
-            return
-        self._forget()
-        self._close(FtpDownloadState.OPENING)
+        self.state = FtpState.CLOSING
+        self._ask(FtpOperation.TERMINATE_SESSION, then, session=self._session, step=FILES.beyond_a_burst)
 
     def _forget(self) -> None:
         self._pieces.clear()
@@ -255,14 +177,14 @@ class FtpDownload:
             self._keep(answer.offset, answer.data, now)
             if latest and answer.burst_complete:
                 self._burst_seq = None
-        elif not latest or self.state is not FtpDownloadState.BURSTS:
+        elif not latest or self.state is not FtpState.BURSTS:
             return
         elif error in (FtpError.FILE_NOT_FOUND, FtpError.INVALID_SESSION):
             self._open_again(answer)
         elif error in (FtpError.END_OF_FILE, FtpError.UNKNOWN_COMMAND):
             # Where the file ends a burst does not tell: what came before may be lost. A single read does.
             self._has_bursts = error == FtpError.END_OF_FILE
-            self.state, self._todo = FtpDownloadState.GAPS, deque([*self._missing(), self._reach])
+            self.state, self._todo = FtpState.GAPS, deque([*self._missing(), self._reach])
         else:
             self._refuse(f"byte {self._reach * DATA_BYTES}: {answer.error_text}")
 
@@ -282,7 +204,7 @@ class FtpDownload:
         self._pieces[piece] = data
         self._reach = max(self._reach, piece + 1)
         self.across_bytes += len(data)
-        self._new_at_s = now
+        self._heard_at_s = now
         if self.across_bytes > self._most_across_bytes:
             self._most_across_bytes, self._failures = self.across_bytes, 0
 
@@ -297,7 +219,7 @@ class FtpDownload:
     def _open_again(self, answer: FtpMessage) -> None:
         """The vehicle was restarted."""
         if self._fail(f"byte {self._reach * DATA_BYTES}: {answer.error_text}"):
-            self._close(FtpDownloadState.OPENING)
+            self._close(FtpState.OPENING)
 
     # Single reads: a window of them.
 
@@ -313,11 +235,11 @@ class FtpDownload:
     def _look_for_gaps(self, now: float) -> list[FtpMessage]:
         self._todo = deque(self._missing())
         if self._todo:
-            self.state = FtpDownloadState.GAPS
+            self.state = FtpState.GAPS
         elif self._is_reached:
-            self._close(FtpDownloadState.CHECKING)
+            self._close(FtpState.CHECKING)
         else:
-            self.state, self._burst_seq = FtpDownloadState.BURSTS, None
+            self.state, self._burst_seq = FtpState.BURSTS, None
         return self.messages_to_send(now)
 
     def _single_reads(self, now: float) -> list[FtpMessage]:
@@ -344,3 +266,71 @@ class FtpDownload:
             self._open_again(answer)
         elif error is not None:
             self._refuse(f"byte {piece * DATA_BYTES}: {answer.error_text}")
+
+
+@dataclass(frozen=True, slots=True)
+class FtpEntry:
+    """A file or a folder in a folder."""
+
+    name: str  # without the folder
+    size_bytes: int | None  # of a file; None for a folder, and where the vehicle says none
+    is_folder: bool  # whether it is a folder
+
+
+class FtpListing(FtpTransfer):
+    """One folder.
+
+    Args:
+        path: The folder.
+        now: The present time in seconds.
+        silent_s: Silence after which it gives up.
+    """
+
+    def __init__(self, path: str, *, now: float, silent_s: float = 30.0) -> None:
+        super().__init__(path if path == "/" else path.rstrip("/"), now=now, silent_s=silent_s)
+        self._entries: dict[str, FtpEntry] = {}
+        self._offset = 0
+        self._ask(FtpOperation.LIST_DIRECTORY, FtpState.OPENING)
+
+    @property
+    def entries(self) -> list[FtpEntry]:
+        """Known entries of the folder: folders first, by name."""
+        return sorted(self._entries.values(), key=lambda entry: (not entry.is_folder, entry.name))
+
+    def _take_control(self, answer: FtpMessage, operation: FtpOperation, then: FtpState, now: float) -> None:
+        del then, now
+        if answer.error == FtpError.END_OF_FILE:
+            self.state = FtpState.DONE
+        elif answer.error is not None:
+            self._refuse(f"{operation.name}: {answer.error_text}")
+        else:
+            self._take_page(answer.data)
+
+    def _take_page(self, data: bytes) -> None:
+        lines = [line for line in data.split(b"\0") if line]
+        if not lines:
+            self.state = FtpState.DONE
+            return
+        self._offset += len(lines)
+        try:
+            page = [_entry(line) for line in lines if line[:1] != b"S" and line not in (b"D.", b"D..")]  # S: skipped
+        except FormatError as error:
+            self._refuse(str(error))
+            return
+        again = next((entry.name for entry in page if entry.name in self._entries), None)
+        self._entries |= {entry.name: entry for entry in page}
+        if again is not None:
+            self._refuse(f"the vehicle lists {again!r} repeatedly, or the folder is changing")
+        elif self._offset > FILES.most_entries:
+            self._refuse(f"the vehicle lists more than {FILES.most_entries} entries")
+        else:
+            self._ask(FtpOperation.LIST_DIRECTORY, FtpState.OPENING, offset=self._offset)
+
+
+def _entry(line: bytes) -> FtpEntry:
+    """From ``Dname`` or ``Fname<tab>size``."""
+    text = line.decode("utf-8", errors="backslashreplace")
+    kind, (name, _, size) = text[0], text[1:].partition("\t")
+    if kind not in "DF" or not name or not ((size.isascii() and size.isdigit()) or not size):
+        raise FormatError(f"{text!r} is not an entry of a folder")
+    return FtpEntry(name, int(size) if size and kind == "F" else None, kind == "D")

@@ -4,9 +4,17 @@ A vehicle sends one stretch at a time, and a new request replaces the one before
 when it runs dry, each gap in turn.
 """
 
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.tuning import FILES
-from mission_io.wire.messages import LOG_DATA_BYTES, LogData, LogEntry, LogRequestData, LogRequestEnd, Message, Received
+from mission_io.wire.messages import (
+    LOG_DATA_BYTES,
+    Address,
+    LogData,
+    LogEntry,
+    LogRequestData,
+    LogRequestEnd,
+    Message,
+    Received,
+)
 
 _MOST_BYTES = 90 * 4096
 """Of one request: a vehicle may not send more than it can drop halfway."""
@@ -77,7 +85,7 @@ class LogDownload:
         data = received.message
         if not isinstance(data, LogData) or data.log_id != self.entry.log_id:
             return
-        if Address(received.system_id, received.component_id) != self._vehicle:
+        if received.sender != self._vehicle:
             return
         piece, odd = divmod(data.offset_bytes, LOG_DATA_BYTES)
         expected = min(LOG_DATA_BYTES, self.entry.size_bytes - data.offset_bytes)
@@ -96,12 +104,11 @@ class LogDownload:
 
     def messages_to_send(self, now: float) -> list[Message]:
         """Messages due at ``now``."""
-        to = self._vehicle.system_id, self._vehicle.component_id
         if not self._over and now >= self._new_at + self._silent_s:
             self.silent = True
         if self._over:
             done, self._ended = self._ended, True
-            return [] if done else [LogRequestEnd(*to)]
+            return [] if done else [LogRequestEnd(*self._vehicle)]
         if self._asked_to is not None and now < self._quiet_until:
             return []
         end = self._here.find(1, self._first_gap)
@@ -109,7 +116,7 @@ class LogDownload:
         self._asked_to, self._asked_at = end, now
         start_bytes = self._first_gap * LOG_DATA_BYTES
         wanted = min(end * LOG_DATA_BYTES, self.entry.size_bytes) - start_bytes
-        return [LogRequestData(*to, self.entry.log_id, start_bytes, wanted)]
+        return [LogRequestData(*self._vehicle, self.entry.log_id, start_bytes, wanted)]
 
     @property
     def _quiet_until(self) -> float:

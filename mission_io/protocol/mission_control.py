@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import Command
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.tuning import TRANSFERS
 from mission_io.wire import messages as m
+from mission_io.wire.messages import Address
 
 
 class SetCurrent:
@@ -57,7 +57,7 @@ class SetCurrent:
     def receive(self, received: m.Received, now: float) -> None:
         """Take a message; those about anything else have no effect."""
         del now
-        if self.finished or Address(received.system_id, received.component_id) != self._vehicle:
+        if self.finished or received.sender != self._vehicle:
             return
         message = received.message
         if isinstance(message, m.CommandAck):
@@ -92,19 +92,20 @@ class SetCurrent:
         if self.finished or (self._said_at is not None and now < self._said_at + self._again_s):
             return []
         self._said_at = now
-        to = self._vehicle.system_id, self._vehicle.component_id
         if self.accepted:
             return [self._question]
         messages: list[m.Message] = []
         if not self._older:
             params = (float(self._seq), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             messages.append(
-                m.CommandLong(*to, Command.DO_SET_MISSION_CURRENT, params, confirmation=min(self._tries, 255))
+                m.CommandLong(
+                    *self._vehicle, Command.DO_SET_MISSION_CURRENT, params, confirmation=min(self._tries, 255)
+                )
             )
         self._tries += 1
         if self._older or self._tries > TRANSFERS.deaf_tries:
             self._older = True
-            messages += [m.MissionSetCurrent(*to, self._seq), self._question]
+            messages += [m.MissionSetCurrent(*self._vehicle, self._seq), self._question]
         return messages
 
     def next_timer(self) -> float | None:

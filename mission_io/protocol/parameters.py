@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.parameter_values import (
     Parameter,
     Value,
@@ -22,6 +21,7 @@ from mission_io.protocol.parameter_values import (
 )
 from mission_io.protocol.tuning import VALUES
 from mission_io.wire import messages as m
+from mission_io.wire.messages import Address
 
 # Meaning of messages about parameters: autopilots' (PARAM_*) and extended ones (PARAM_EXT_*).
 
@@ -58,27 +58,24 @@ class ParameterMessages:
     def list_request(self) -> m.Message:
         """Asks for all."""
         kind = m.ParamExtRequestList if self.extended else m.ParamRequestList
-        return kind(self.to.system_id, self.to.component_id)
+        return kind(*self.to)
 
     def read_request(self, name: str, index: int = -1) -> m.Message:
         """Asks for one, by name or by index."""
         kind = m.ParamExtRequestRead if self.extended else m.ParamRequestRead
-        return kind(self.to.system_id, self.to.component_id, name, index)
+        return kind(*self.to, name, index)
 
     def set_request(self, name: str, value: Value, param_type: int) -> m.Message:
         """Asks to set one. Raises MisuseError: the value does not fit the type."""
-        system_id, component_id = self.to.system_id, self.to.component_id
         if self.extended:
-            return m.ParamExtSet(
-                system_id, component_id, name, bytes_of_value(value, param_type, name=name), param_type
-            )
+            return m.ParamExtSet(*self.to, name, bytes_of_value(value, param_type, name=name), param_type)
         number = float("nan") if isinstance(value, bytes) else value
         wire = float_of_value(number, param_type, bytewise=self.bytewise, name=name)
-        return m.ParamSet(system_id, component_id, name, wire, param_type)
+        return m.ParamSet(*self.to, name, wire, param_type)
 
     def heard(self, received: m.Received) -> Heard | None:
         """Content of a message about parameters of this component; None for other messages."""
-        if Address(received.system_id, received.component_id) != self.to:
+        if received.sender != self.to:
             return None
         match received.message:
             case m.ParamValue(name, wire, param_type, count, index) if not self.extended:

@@ -10,9 +10,9 @@ from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
 from mission_io.protocol.admission import Incoming, list_is_whole, refusal_in_list, refusal_of
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
 from mission_io.wire import messages as m
+from mission_io.wire.messages import Address
 from mission_io.wire.mission_items import float_message, item_from_message, message_from_item
 
 ChangeReason = Literal["uploaded", "upload failed", "cleared"]
@@ -103,7 +103,7 @@ class MissionServer:
         message = received.message
         if not m.is_for(message, system_id=self.local.system_id, component_id=self.local.component_id):
             return
-        self._sender = Address(received.system_id, received.component_id)
+        self._sender = received.sender
         self._about = getattr(message, "mission_type", 0)
         event = self._event_of(message, now)
         if event is not None:
@@ -263,8 +263,7 @@ class MissionServer:
         incoming = self._upload()
         incoming.asked_at = now
         kind = m.MissionRequest if self.autopilot.legacy_requests else m.MissionRequestInt
-        to, seq = incoming.station, incoming.next_seq
-        self._outbox.append(kind(to.system_id, to.component_id, seq, incoming.mission_type))
+        self._outbox.append(kind(*incoming.station, incoming.next_seq, incoming.mission_type))
 
     def _store(self, now: float) -> None:
         self._take_item(now)
@@ -324,9 +323,8 @@ class MissionServer:
     def _send_count(self, now: float) -> None:
         self._served, self._served_at, self._serve_next = (self._sender, self._about), now, 0
         self._partner = self._sender
-        to, held = self._sender, self.items(MissionType(self._about))
-        list_id = self.list_id(MissionType(self._about))
-        self._outbox.append(m.MissionCount(to.system_id, to.component_id, len(held), self._about, list_id))
+        held, list_id = self.items(MissionType(self._about)), self.list_id(MissionType(self._about))
+        self._outbox.append(m.MissionCount(*self._sender, len(held), self._about, list_id))
 
     def _send_item(self, now: float) -> None:
         self._served_at = now
@@ -390,7 +388,7 @@ class MissionServer:
     def _send_ack(self, to: Address, result: MissionResult, mission_type: int) -> None:
         accepted = result is MissionResult.ACCEPTED and mission_type in self._lists
         list_id = self.list_id(MissionType(mission_type)) if accepted else 0
-        self._outbox.append(m.MissionAck(to.system_id, to.component_id, result, mission_type, list_id))
+        self._outbox.append(m.MissionAck(*to, result, mission_type, list_id))
 
     def list_id(self, mission_type: MissionType) -> int:
         """The id of a list, which changes with its content; 0 for an empty one, and where lists have none."""

@@ -35,6 +35,7 @@ class Table(Generic[StateT, EventT]):
     def __init__(self, rows: Iterable[Row[StateT, EventT]]) -> None:
         self.rows = tuple(rows)
         self._rows = {(row.state, row.event): row for row in self.rows}
+        self._states = {row.state for row in self.rows}
 
     def row(self, state: StateT, event: EventT) -> Row[StateT, EventT]:
         """The row for an event in a state. Raises MissingRowError: the table has none."""
@@ -42,6 +43,10 @@ class Table(Generic[StateT, EventT]):
             return self._rows[state, event]
         except KeyError:
             raise MissingRowError(f"no transition for {event.name} in {state.name}") from None
+
+    def is_end(self, state: StateT) -> bool:
+        """Whether no event has an effect in a state."""
+        return state not in self._states
 
 
 def staying(states: Iterable[StateT], events: Iterable[EventT]) -> list[Row[StateT, EventT]]:
@@ -61,8 +66,7 @@ def mermaid(table: Table[StateT, EventT], start: StateT) -> str:
     for (state, next_state), actions in arrows.items():
         labels = [",".join(events) + (f"/{action}" if action else "") for action, events in actions.items()]
         lines.append(f"    {state} --> {next_state}: {' '.join(labels)}")
-    sources = {row.state for row in table.rows}
-    ends = dict.fromkeys(row.next_state.name for row in table.rows if row.next_state not in sources)
+    ends = dict.fromkeys(row.next_state.name for row in table.rows if table.is_end(row.next_state))
     lines.extend(f"    {end} --> [*]" for end in ends)
     return "\n".join(lines)
 
@@ -339,16 +343,3 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
     ]
 )
 """Every transition of an upload. A finished upload ignores everything."""
-
-UPLOAD_ENDS = frozenset(
-    {
-        _S.ACCEPTED,
-        _S.UNCONFIRMED,
-        _S.REFUSED,
-        _S.VEHICLE_CANCELLED,
-        _S.CANCELLED,
-        _S.SILENT,
-        _S.ACCEPTED_EARLY,
-        _S.STUCK,
-    }
-)

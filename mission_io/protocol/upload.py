@@ -6,14 +6,14 @@ requested last and its successor (whose request may have been lost). Duplicates 
 table.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, Unpack
 
 from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem
 from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
-from mission_io.protocol.tables import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
+from mission_io.protocol.tables import UPLOAD_TABLE, UploadEvent, UploadState
 from mission_io.protocol.tuning import TRANSFERS
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import message_to_send
@@ -87,11 +87,6 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._send_count(options["now"])
 
     @property
-    def finished(self) -> bool:
-        """Whether the upload is over; ``state`` says how."""
-        return self.state in UPLOAD_ENDS
-
-    @property
     def across_count(self) -> int:
         """Number of items the vehicle has received, judged by its requests; never decreases, for progress."""
         return len(self._items) if self.state is UploadState.ACCEPTED else self._across
@@ -132,7 +127,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         if not 0 <= seq < len(self._items):
             return UploadEvent.REQUEST_UNKNOWN
         going = self.state in (UploadState.SERVING, UploadState.CONFIRMING)
-        if going and seq == self._asked and self._on_its_way(seq, now):
+        if going and seq == self._asked and self._sent_within(1.0, seq, now):
             return UploadEvent.REQUEST_CROSSED
         backed_off, gets_on = self._backed_off, seq > self._furthest
         if seq > self._asked:
@@ -140,7 +135,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
             self._departures.forget_to(seq - 1)
         # An item that is requested again is still missing, or the vehicle starts over. And after a silence nothing is taken for
         # arrived that went out before its turn: a duplicate costs less than another silence.
-        if seq <= self._asked or (self._ahead == 0 and not self._just_sent(seq, now)):
+        if seq <= self._asked or (self._ahead == 0 and not self._sent_within(0.5, seq, now)):
             self._sent_to = min(self._sent_to, seq)
         self._asked = seq
         self._furthest = max(self._furthest, seq)
@@ -208,23 +203,11 @@ class Upload(Exchange[UploadState, UploadEvent]):
         last = items_follow and self._doubtful()[-1] == len(self._items) - 1
         return UploadEvent.RESEND_LAST if last else event
 
-    def _actions(self) -> Mapping[str, Callable[[float], None]]:
-        return {
-            "send_items": self._send_items,
-            "resend_items": self._resend_items,
-            "restart": self._restart,
-            "begin_anew": self._begin_anew,
-            "ask_anew": self._ask_anew,
-            "resend_count": self._resend_count,
-            "note_busy": self._note_busy,
-            "send_cancel": self._send_cancel,
-        }
-
     def _send_count(self, now: float) -> None:
-        to, end = (self.vehicle.system_id, self.vehicle.component_id), self._first + len(self._items)
-        opening: m.Message = m.MissionCount(*to, end, self.mission_type)
+        end = self._first + len(self._items)
+        opening: m.Message = m.MissionCount(*self.vehicle, end, self.mission_type)
         if self._is_part:
-            opening = m.MissionWritePartialList(*to, self._first, end - 1, self.mission_type)
+            opening = m.MissionWritePartialList(*self.vehicle, self._first, end - 1, self.mission_type)
         self._send(opening, now, question=OPENING)
 
     def _resend_count(self, now: float) -> None:

@@ -217,6 +217,12 @@ class Framer:
         return self.feed(rest)
 
 
+def frames_of(data: bytes) -> list[WireFrame]:
+    """The frames of one datagram, by their checksums."""
+    framer = Framer()
+    return [*framer.feed(data), *framer.end()]
+
+
 def frames_by_length(data: bytes) -> list[bytes]:
     """The frames of a datagram by their lengths, checksums unread; none where the lengths do not fit."""
     frames, start = [], 0

@@ -6,6 +6,7 @@ Fields named ``target_system`` and ``target_component`` name the recipient; 0 is
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from mission_io.model.enums import MissionState, ModeFlag
 from mission_io.model.items import MissionType
@@ -375,6 +376,13 @@ class ParamExtAck(Message):
     result: int
 
 
+class Address(NamedTuple):
+    """A system and one of its components; also the first two fields of a message to it."""
+
+    system_id: int
+    component_id: int
+
+
 @dataclass(frozen=True, slots=True)
 class Received:
     """A message, who sent it, and in which version of MAVLink."""
@@ -383,6 +391,11 @@ class Received:
     system_id: int
     component_id: int
     mavlink_version: int = 2
+
+    @property
+    def sender(self) -> Address:
+        """System and component that sent it."""
+        return Address(self.system_id, self.component_id)
 
 
 def is_for(message: Message, *, system_id: int, component_id: int) -> bool:

@@ -28,7 +28,7 @@ from mission_io.client.client import Client
 from mission_io.links.opening import open_link
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoint
 from scripts.options import file_to_write
-from uavcover.mock.server import start_in_background
+from uavcover.mock.server import BackgroundMock
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout
@@ -85,7 +85,7 @@ def upload_rows() -> list[Row]:
     )
     mission = Mission(home, items)
     with (
-        start_in_background(MockVehicle(PX4, home)) as mock,
+        BackgroundMock(MockVehicle(PX4, home)) as mock,
         Client(open_link(f"udpout://127.0.0.1:{mock.port}")) as client,
     ):
         client.wait_for_vehicle()

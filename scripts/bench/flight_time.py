@@ -44,7 +44,7 @@ from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.mock.behaviour import Settings
-from uavcover.mock.server import start_in_background
+from uavcover.mock.server import BackgroundMock
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Route
@@ -93,7 +93,7 @@ def mock_starter(autopilot: AutopilotName) -> Start:
     def start(request: StartRequest) -> Iterator[RunningVehicle]:
         own = Vehicle(autopilot=autopilot, **LIMITS[autopilot])
         config = MockConfig(settings=Settings.for_vehicle(own), speed=request.speed)
-        with start_in_background(
+        with BackgroundMock(
             MockVehicle(AUTOPILOTS[autopilot], request.home, config), speed=request.speed
         ) as background:
             url = f"udpout://127.0.0.1:{background.port}"

@@ -8,7 +8,7 @@ from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.mock.behaviour import GroundSource, quick
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.server import start_in_background
+from uavcover.mock.server import BackgroundMock
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import AutopilotName
 
@@ -26,7 +26,7 @@ def starter(autopilot: AutopilotName, *, vehicle_type: int) -> Start:
         for name, value in request.parameters.items():
             if vehicle.parameters.name_of(name, -1) is not None:
                 vehicle.parameters.put(name, value)
-        with start_in_background(vehicle, speed=request.speed) as background:
+        with BackgroundMock(vehicle, speed=request.speed) as background:
             url = f"udpout://127.0.0.1:{background.port}"
             yield RunningVehicle(
                 url=url,

@@ -6,7 +6,8 @@ import select
 import signal
 import subprocess
 import termios
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -91,13 +92,20 @@ def upload(cli: Cli, run: Path, port: int) -> str:
     return url
 
 
-def test_interrupt_brings_it_home(cli: Cli, planned: Path) -> None:
-    with mock_vehicle("--speed", 30) as (port, _):
-        url = upload(cli, planned, port)
-        with started(command("fly", planned, "--to", url)) as process:
+@contextmanager
+def in_the_air(cli: Cli, run: Path, *, speed: int = 30) -> Iterator[subprocess.Popen[str]]:
+    """``uavcover fly`` in a process of its own, once its vehicle has taken off."""
+    with mock_vehicle("--speed", speed) as (port, _):
+        url = upload(cli, run, port)
+        with started(command("fly", run, "--to", url)) as process:
             wait_for_line(process, "in the air")
-            process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=WATCHDOG_S)
+            yield process
+
+
+def test_interrupt_brings_it_home(cli: Cli, planned: Path) -> None:
+    with in_the_air(cli, planned) as process:
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130, err
     assert "returning along checked legs" in out
     assert "returned along checked legs, landed and disarmed" in out
@@ -107,17 +115,13 @@ def test_interrupt_brings_it_home(cli: Cli, planned: Path) -> None:
 
 
 def test_second_interrupt_leaves_it_holding(cli: Cli, planned: Path) -> None:
-    with mock_vehicle("--speed", 30) as (port, _):
-        url = upload(cli, planned, port)
-        with started(command("fly", planned, "--to", url)) as process:
-            wait_for_line(process, "in the air")
-            process.send_signal(signal.SIGINT)
-            wait_for_line(process, "commanded to hold")
-            process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=WATCHDOG_S)
+    with in_the_air(cli, planned) as process:
+        process.send_signal(signal.SIGINT)
+        wait_for_line(process, "commanded to hold")
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130, err
-    assert "the vehicle is left holding" in out
-    assert "armed and in the air" in out
+    assert "second stop: the vehicle holds in guided mode, armed and in the air" in out
     assert len(read_track(planned / "track.csv")) > 10
     assert (planned / "flight.rrd").exists()
 
@@ -175,14 +179,11 @@ def test_a_record_that_cannot_be_written_keeps_it_on_the_ground(name: str, cli: 
 
 
 def test_pause_makes_it_wait_and_go_on(cli: Cli, planned: Path) -> None:
-    with mock_vehicle("--speed", 60) as (port, _):
-        url = upload(cli, planned, port)
-        with started(command("fly", planned, "--to", url)) as process:
-            wait_for_line(process, "in the air")
-            process.send_signal(signal.SIGUSR1)
-            wait_for_line(process, "paused: the vehicle holds its position")
-            process.send_signal(signal.SIGUSR1)
-            out, err = process.communicate(timeout=WATCHDOG_S)
+    with in_the_air(cli, planned, speed=60) as process:
+        process.send_signal(signal.SIGUSR1)
+        wait_for_line(process, "paused: the vehicle holds its position")
+        process.send_signal(signal.SIGUSR1)
+        out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 0, err
     assert "the vehicle continues its mission" in out
     assert "mission completed" in out

@@ -1,5 +1,6 @@
 """What happens in the minutes when something else happens: falls, glitches, other stations, wind, pilots, holds, batteries."""
 
+import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
@@ -162,27 +163,31 @@ def test_a_hold_that_the_wind_blows_away_is_lost_and_said_so():
     assert "does not hold its position" in incident(outcome, Ending.HOLD_LOST).text
 
 
-@AUTOPILOTS
-def test_a_pilot_who_gives_it_back_far_off_the_leg_is_not_stopped(autopilot):
-    scene = scene_of(autopilot)
+def taken_and_given_back(scene, away_m, **options):
+    """Fly it; a pilot takes it at waypoint 2 and gives it back 8 s later at another place."""
     taken: list[float] = []
 
     def interfere(event: FlightEvent) -> None:
         scene.events.append(event)
         if event.kind is EventKind.WAYPOINT and event.waypoint == 2 and not taken:
             taken.append(scene.vehicle.powered_s)
-            scene.vehicle.control.set_mode(Mode.HOLD if autopilot is PX4 else Mode.GUIDED)
+            scene.vehicle.control.set_mode(Mode.HOLD if scene.vehicle.autopilot is PX4 else Mode.GUIDED)
 
     def pause() -> bool:
         if taken and scene.vehicle.mode is not Mode.MISSION and scene.vehicle.powered_s > taken[0] + 8.0:
-            x, y, z = scene.vehicle.body.point.position_m
-            scene.vehicle.body.point.position_m = (x + 60.0, y - 60.0, z)  # the pilot has flown it there
+            point = scene.vehicle.body.point
+            point.position_m = tuple(np.add(point.position_m, away_m).tolist())  # the pilot has flown it there
             scene.vehicle.body.believed.step()
             scene.vehicle.control.set_mode(Mode.MISSION)
             taken[0] = 1e9
         return False
 
-    outcome, text = flown(scene, on_event=interfere, pause=pause)
+    return flown(scene, on_event=interfere, pause=pause, **options)
+
+
+@AUTOPILOTS
+def test_a_pilot_who_gives_it_back_far_off_the_leg_is_not_stopped(autopilot):
+    outcome, text = taken_and_given_back(scene_of(autopilot), (60.0, -60.0, 0.0))
     assert outcome.ending is Ending.LANDED, text
     assert Ending.OFF_ROUTE not in [i.kind for i in outcome.incidents]
 
@@ -195,25 +200,8 @@ def test_a_line_back_to_the_route_that_comes_near_the_ground_is_said_so(autopilo
     def ground(east: float, _north: float) -> float:
         return HOME_UP_M + (50.0 if 95.0 < east - east_m < 130.0 else 0.0)
 
-    scene = scene_of(autopilot)
-    taken: list[float] = []
-
-    def interfere(event: FlightEvent) -> None:
-        scene.events.append(event)
-        if event.kind is EventKind.WAYPOINT and event.waypoint == 2 and not taken:
-            taken.append(scene.vehicle.powered_s)
-            scene.vehicle.control.set_mode(Mode.HOLD if autopilot is PX4 else Mode.GUIDED)
-
-    def pause() -> bool:
-        if taken and scene.vehicle.mode is not Mode.MISSION and scene.vehicle.powered_s > taken[0] + 8.0:
-            x, y, z = scene.vehicle.body.point.position_m
-            scene.vehicle.body.point.position_m = (x + 80.0, y, z)
-            scene.vehicle.body.believed.step()
-            scene.vehicle.control.set_mode(Mode.MISSION)
-            taken[0] = 1e9
-        return False
-
-    outcome, text = flown(scene, around=volume(ground_up_m=ground), on_event=interfere, pause=pause)
+    around = volume(ground_up_m=ground)
+    outcome, text = taken_and_given_back(scene_of(autopilot), (80.0, 0.0, 0.0), around=around)
     assert "comes within" in incident(outcome, Ending.UNSAFE_LINE).text
     assert outcome.ending is Ending.UNSAFE_LINE, text
 

@@ -235,8 +235,7 @@ def test_an_armed_vehicle_is_not_touched():
 
 def test_silence_instead_of_a_vehicle_is_an_error():
     class Silent(InMemoryPeer):
-        def datagrams_to_send(self, now: float) -> list[bytes]:
-            del now
+        def datagrams_to_send(self, *_: object) -> list[bytes]:
             return []
 
         def next_timer(self) -> float:

@@ -27,17 +27,19 @@ def above_terrain(plain: Mission) -> Mission:
     return Mission(plain.home, tuple(items))
 
 
-def scene_that_asks(**options):
-    behaviour = replace(quick(), terrain=GroundSource.GROUND_STATION)
-    return make_scene(ARDUPILOT, behaviour=behaviour, **options)
+WANTED = above_terrain(mission())
+
+
+def scene_that_asks():
+    scene = make_scene(ARDUPILOT, behaviour=replace(quick(), terrain=GroundSource.GROUND_STATION))
+    scene.upload(WANTED)
+    return scene
 
 
 def test_it_flies_when_it_is_answered() -> None:
     scene = scene_that_asks()
-    wanted = above_terrain(mission())
-    scene.upload(wanted)
     answer_terrain_requests(scene.client, TerrainAnswers(level, parts_per_s=200.0))
-    outcome = scene.fly(wanted)
+    outcome = scene.fly(WANTED)
     assert outcome.ending is Ending.LANDED
     assert scene.vehicle.terrain is not None
     assert scene.vehicle.terrain.pending == 0
@@ -45,19 +47,15 @@ def test_it_flies_when_it_is_answered() -> None:
 
 def test_it_arms_when_the_heights_take_a_slow_link_longer_than_arming_may_take() -> None:
     scene = scene_that_asks()
-    wanted = above_terrain(mission())
-    scene.upload(wanted)
     answer_terrain_requests(scene.client, TerrainAnswers(level, parts_per_s=2.0))
-    outcome = scene.fly(wanted)
+    outcome = scene.fly(WANTED)
     assert outcome.ending is Ending.LANDED
     assert len(scene.monitor.terrain_asked) > 3
 
 
 def test_it_does_not_arm_when_nobody_answers() -> None:
     scene = scene_that_asks()
-    wanted = above_terrain(mission())
-    scene.upload(wanted)
     scene.client.request_message_interval(TerrainRequest, 0.5)
     with pytest.raises(FlightFailedError, match="waiting for terrain data"):
-        scene.fly(wanted)
+        scene.fly(WANTED)
     assert scene.monitor.counts[TerrainRequest] > 3

@@ -5,8 +5,8 @@ import random
 
 import pytest
 
-from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
+from mission_io.wire.messages import Address
 from uavcover.flight.monitor import Monitor, VehicleClock
 
 

@@ -33,8 +33,7 @@ class Gate(VehiclePeer):
         """Wait at the nth message of a kind from here on."""
         self.kind, self.left = kind, nth
 
-    def on_message(self, received: Received, now: float) -> None:
-        del now
+    def on_message(self, received: Received, *_: object) -> None:
         if self.kind is not None and isinstance(received.message, self.kind):
             self.left -= 1
             if self.left == 0:

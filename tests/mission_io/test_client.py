@@ -173,15 +173,6 @@ def swallow(peer: VehiclePeer, drop: Callable[[object], bool]) -> None:
     peer.server.messages_to_send = lambda now: [it for it in original(now) if not drop(it)]  # type: ignore[method-assign]
 
 
-@BOTH
-def test_the_final_acknowledgement_is_always_lost(autopilot: Autopilot) -> None:
-    peer = VehiclePeer(autopilot)
-    swallow(peer, lambda it: isinstance(it, m.MissionAck) and it.result == MissionResult.ACCEPTED)
-    client = connected(peer)
-    client.upload(MissionType.MISSION, wire_items(MISSION, autopilot))
-    assert len(peer.server.items(MissionType.MISSION)) == len(wire_items(MISSION, autopilot))
-
-
 def test_everything_was_sent_but_the_vehicle_does_not_hold_it() -> None:
     class Forgets(VehiclePeer):
         def on_message(self, *_: object) -> None:
@@ -297,33 +288,10 @@ def test_emptying_a_px4_that_is_busy_takes_until_it_is_free() -> None:
     assert 5.0 < client.clock.now() - begun_at < 8.0
 
 
-def test_an_item_the_vehicle_refuses() -> None:
-    client = connected(VehiclePeer(PX4))
-    items = (*MISSION.items, waypoint(46.0, -7.0, 20.0, frame=Frame.ABOVE_TERRAIN), MISSION.items[0])
-    with pytest.raises(TransferError, match="refused with UNSUPPORTED_FRAME after 8 of 10 items") as caught:
-        client.upload(MissionType.MISSION, items)
-    assert caught.value.vehicle_holds == "unchanged"
-
-
-def test_a_list_the_vehicle_has_no_room_for() -> None:
-    client = connected(VehiclePeer(ARDUPILOT, capacity=3))
-    with pytest.raises(TransferError, match="refused with NO_SPACE after 0 of 8 items") as caught:
-        client.upload(MissionType.MISSION, MISSION.items)
-    assert caught.value.vehicle_holds == "unchanged"
-
-
 def test_just_booted_ardupilot_is_waited_for() -> None:
     client = connected(VehiclePeer(ARDUPILOT, booted_at=0.0))
     client.upload(MissionType.MISSION, MISSION.items)
     assert client.clock.now() > 2.0
-
-
-def test_a_vehicle_busy_with_another_station_is_waited_for() -> None:
-    peer = VehiclePeer(ARDUPILOT)
-    client = connected(peer)
-    peer.server.receive(m.Received(m.MissionCount(1, 1, 5), 254, 190), client.clock.now())
-    client.upload(MissionType.MISSION, MISSION.items)
-    assert 7.0 < client.clock.now() < 12.0
 
 
 def test_an_armed_vehicle_is_left_alone_unless_it_is_meant() -> None:

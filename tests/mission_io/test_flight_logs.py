@@ -20,8 +20,7 @@ class KeepsLogs(VehiclePeer):
     gives_out_at = 1 << 40
     ended = 0
 
-    def on_message(self, received: Received, now: float) -> None:
-        del now
+    def on_message(self, received: Received, *_: object) -> None:
         match received.message:
             case LogRequestList():
                 self.outbox += [LogEntry(n, len(LOGS), max(LOGS), 0, len(LOGS[n])) for n in LOGS]
@@ -41,8 +40,7 @@ def test_the_logs_are_listed_by_their_numbers() -> None:
 
 def test_a_vehicle_without_logs_has_an_empty_list() -> None:
     class Empty(KeepsLogs):
-        def on_message(self, received: Received, now: float) -> None:
-            del now
+        def on_message(self, received: Received, *_: object) -> None:
             if isinstance(received.message, LogRequestList):
                 self.outbox.append(LogEntry(0, 0, 0, 0, 0))
 
@@ -100,8 +98,7 @@ def test_only_what_got_lost_is_asked_for_again(seed: int) -> None:
 
 def test_a_lost_entry_of_the_list_is_asked_for_by_its_number() -> None:
     class Forgets(KeepsLogs):
-        def on_message(self, received: Received, now: float) -> None:
-            del now
+        def on_message(self, received: Received, *_: object) -> None:
             if isinstance(received.message, LogRequestList):
                 first, last = received.message.first, received.message.last
                 shown = [n for n in (5, 6, 7) if first <= n <= last and (first, n) != (0, 6)]

@@ -47,8 +47,7 @@ class AnswersAnything(VehiclePeer):
             lambda: m.HomePosition(46.0, 7.0, 1.0),
         ]
 
-    def on_message(self, received: m.Received, now: float) -> None:
-        del now
+    def on_message(self, received: m.Received, *_: object) -> None:
         if not isinstance(received.message, m.Heartbeat):
             self.outbox += [self.rng.choice(self.makers)() for _ in range(3)]
 
@@ -89,28 +88,24 @@ def test_each_call_ends_in_time_with_an_answer_or_a_named_error(seed: int) -> No
         assert len([r for r in peer.heard if not isinstance(r.message, m.Heartbeat)]) <= 3 + 4 * TIMEOUT_S
 
 
-def test_a_command_that_is_in_progress_for_ever_is_given_up() -> None:
-    class InProgress(VehiclePeer):
-        def on_message(self, received: m.Received, now: float) -> None:
-            del now
+@pytest.mark.parametrize(
+    ("result", "error", "match"),
+    [
+        (CommandResult.IN_PROGRESS, VehicleSilentError, r"answer to command .* within 6 s"),
+        (200, CommandRefusedError, "200"),
+    ],
+    ids=["in progress for ever", "a result that is none"],
+)
+def test_an_answer_to_a_command_that_is_no_end_or_no_result(
+    result: int, error: type[MissionIoError], match: str
+) -> None:
+    class Answering(VehiclePeer):
+        def on_message(self, received: m.Received, *_: object) -> None:
             if isinstance(received.message, m.CommandLong | m.Heartbeat):
-                self.outbox.append(
-                    m.CommandAck(400, CommandResult.IN_PROGRESS, target_system=255, target_component=190)
-                )
+                self.outbox.append(m.CommandAck(400, result, target_system=255, target_component=190))
 
-    with pytest.raises(VehicleSilentError, match=r"answer to command .* within 6 s"):
-        connected(InProgress()).command(Command.COMPONENT_ARM_DISARM, 1.0, timeout_s=TIMEOUT_S)
-
-
-def test_a_result_that_is_none_is_a_refusal() -> None:
-    class Strange(VehiclePeer):
-        def on_message(self, received: m.Received, now: float) -> None:
-            del now
-            if isinstance(received.message, m.CommandLong):
-                self.outbox.append(m.CommandAck(400, 200, target_system=255, target_component=190))
-
-    with pytest.raises(CommandRefusedError, match="200"):
-        connected(Strange()).command(Command.COMPONENT_ARM_DISARM, 1.0, timeout_s=TIMEOUT_S)
+    with pytest.raises(error, match=match):
+        connected(Answering()).command(Command.COMPONENT_ARM_DISARM, 1.0, timeout_s=TIMEOUT_S)
 
 
 @pytest.mark.parametrize(("count", "padded", "taken"), [(255, (), 0), (90, (), 90), (1, (7,) * 90, 0)])
@@ -118,8 +113,7 @@ def test_a_log_in_pieces_that_are_none_is_given_up(count: int, padded: tuple[int
     """A piece that says that it has bytes and has none does not hang the download."""
 
     class Pieces(VehiclePeer):
-        def on_message(self, received: m.Received, now: float) -> None:
-            del now
+        def on_message(self, received: m.Received, *_: object) -> None:
             if not isinstance(received.message, m.Heartbeat):
                 self.outbox += [
                     m.LogData(3, 0, count, (*padded, *(0,) * (90 - len(padded)))),

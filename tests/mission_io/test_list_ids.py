@@ -15,8 +15,7 @@ from tests.mission_io.vehicle import VehiclePeer, connected
 class TellsIds(VehiclePeer):
     """Answers for MISSION_CURRENT with the ids of its lists, or with 0 on ArduPilot."""
 
-    def on_message(self, received: m.Received, now: float) -> None:
-        del now
+    def on_message(self, received: m.Received, *_: object) -> None:
         if isinstance(received.message, m.CommandLong) and received.message.command == Command.REQUEST_MESSAGE:
             has_ids = self.autopilot.has_list_ids
             ids = [id_of_items(self.server.items(kind)) if has_ids else 0 for kind in MissionType]

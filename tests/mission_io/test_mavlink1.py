@@ -49,8 +49,7 @@ class PoliteVehicle(VehiclePeer):
         if now >= self.deaf_for_s:
             super().receive_datagram(data, now)
 
-    def on_message(self, received: Received, now: float) -> None:
-        del now
+    def on_message(self, received: Received, *_: object) -> None:
         if received.mavlink_version == 2:
             self.codec.version = 2
 

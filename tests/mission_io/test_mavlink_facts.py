@@ -38,9 +38,8 @@ from mission_io.model.items import (
     trigger_camera_every,
     waypoint,
 )
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import MissionItemInt, MissionRequestInt, Received
+from mission_io.wire.messages import Address, MissionItemInt, MissionRequestInt, Received
 from mission_io.wire.mission_items import degrees_on_wire, float32, item_from_message, message_from_item
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 

@@ -93,8 +93,7 @@ class Reports(VehiclePeer):
         self.goes_on_to: int | None = None
         self.works = True
 
-    def on_message(self, received: m.Received, now: float) -> None:
-        del now
+    def on_message(self, received: m.Received, *_: object) -> None:
         match received.message:
             case m.CommandLong(command=Command.REQUEST_MESSAGE):
                 self.outbox.append(m.MissionCurrent(self.seq))
@@ -162,8 +161,7 @@ def test_the_words_of_others_settle_nothing() -> None:
 )  # fmt: skip
 def test_modes_of_those_without_a_command(autopilot: Autopilot, modes: tuple[int, int]) -> None:
     class Obeys(VehiclePeer):
-        def on_message(self, received: m.Received, now: float) -> None:
-            del now
+        def on_message(self, received: m.Received, *_: object) -> None:
             if isinstance(received.message, m.CommandLong):
                 _, main, sub, *_ = received.message.params
                 assert received.message.command == Command.DO_SET_MODE

@@ -40,8 +40,7 @@ class HasParameters(VehiclePeer):
             (value,) = struct.unpack("<f", struct.pack("<i", int(value)))
         return m.ParamValue(name, float(value), 6 if number % 2 else 9, len(NAMES), number)
 
-    def on_message(self, received: m.Received, now: float) -> None:
-        del now
+    def on_message(self, received: m.Received, *_: object) -> None:
         match received.message:
             case m.ParamRequestList():
                 self.outbox += [self.value(name) for name in NAMES if name not in self.deaf_to]
@@ -193,8 +192,7 @@ class Camera(VehiclePeer):
         kind, raw = self.values[name]
         return m.ParamExtValue(name, raw, kind, len(self.values), list(self.values).index(name))
 
-    def on_message(self, received: m.Received, now: float) -> None:
-        del now
+    def on_message(self, received: m.Received, *_: object) -> None:
         names = list(self.values)
         match received.message:
             case m.ParamExtRequestList(_, 100):

@@ -1,5 +1,7 @@
 """Writing over some items of a mission that the vehicle holds."""
 
+from collections.abc import Iterable
+
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
@@ -9,9 +11,9 @@ from mission_io.errors import MisuseError, TransferError, TransferSilentError
 from mission_io.links.simulated import Conditions
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import Command, Frame, Mission, MissionItem, MissionType, waypoint
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.upload import Upload
 from mission_io.wire import messages as m
+from mission_io.wire.messages import Address
 from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.test_client import MISSION
 from tests.mission_io.vehicle import VehiclePeer, connected
@@ -77,14 +79,10 @@ def test_a_vehicle_that_refuses_or_is_silent_is_an_error() -> None:
     class Refuses(VehiclePeer):
         answer = True
 
-        def receive_datagram(self, data: bytes, now: float) -> None:
-            received = self.codec.decode(data)
-            for one in received:
-                if isinstance(one.message, m.MissionWritePartialList):
-                    if self.answer:
-                        self.outbox.append(m.MissionAck(255, 190, MissionResult.ERROR))
-                else:
-                    self.server.receive(one, now)
+        def instead(self, message: m.Message, *_: object) -> Iterable[m.Message] | None:
+            if not isinstance(message, m.MissionWritePartialList):
+                return None
+            return [m.MissionAck(255, 190, MissionResult.ERROR)] if self.answer else []
 
     peer = Refuses(ARDUPILOT)
     client = connected(peer)

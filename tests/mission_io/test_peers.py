@@ -12,10 +12,10 @@ from mission_io.client.peers import VehicleInfo
 from mission_io.errors import MisuseError, VehicleSilentError
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.items import Frame, MissionType, waypoint
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
+from mission_io.wire.messages import Address
 
 ITEMS = tuple(waypoint(46.5 + i * 1e-4, -7.25, 30.0, frame=Frame.ABOVE_HOME) for i in range(5))
 

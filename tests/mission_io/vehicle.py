@@ -1,15 +1,15 @@
 """A vehicle for tests: the package's mission server with heartbeats, on a simulated link or a real one."""
 
 import random
+from collections.abc import Iterable
 
 from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
 from mission_io.client.client import Client
 from mission_io.links.simulated import Conditions, SimulatedLink
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
 from mission_io.protocol.timing import Timing
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import Heartbeat, Message, Received
+from mission_io.wire.messages import Address, Heartbeat, Message, Received
 
 
 class VehiclePeer:
@@ -38,12 +38,19 @@ class VehiclePeer:
     def on_message(self, received: Received, now: float) -> None:
         """For subclasses: what else the vehicle answers."""
 
+    def instead(self, message: Message, now: float) -> Iterable[Message] | None:
+        """For subclasses: what the vehicle answers in place of its server; None lets the server answer."""
+
     def receive_datagram(self, data: bytes, now: float) -> None:
         for received in self.codec.decode(data):
             self.heard.append(received)
-            if not self.silent:
+            if self.silent:
+                continue
+            answers = self.instead(received.message, now)
+            if answers is None:
                 self.server.receive(received, now)
-                self.on_message(received, now)
+            self.outbox += answers or ()
+            self.on_message(received, now)
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
         messages = [*self.server.messages_to_send(now), *self.outbox]

@@ -118,8 +118,10 @@ class Bench:
         ]
         return answer
 
-    def take_off(self) -> None:
-        """Arm and fly the mission up to a height of 20 m."""
+    def take_off(self, *items: MissionItem) -> None:
+        """Arm and fly the mission up to a height of 20 m; with items, one of a take-off and these."""
+        if items:
+            self.load(*up_there(*items))
         first = self.vehicle.autopilot is ARDUPILOT
         assert self.set_mode(Mode.GUIDED if first else Mode.MISSION) is CommandResult.ACCEPTED
         assert self.command(Command.COMPONENT_ARM_DISARM, 1.0) is CommandResult.ACCEPTED

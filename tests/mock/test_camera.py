@@ -9,7 +9,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.actions import StartPictures, TakePicture, TriggerEvery, item_of
 from mission_io.wire import messages as m
-from tests.mock.bench import Bench, go, up_there
+from tests.mock.bench import Bench, go
 
 CORNERS_M = [(0.0, 20.0, 20.0), (0.0, 130.0, 20.0), (37.0, 130.0, 20.0), (37.0, 15.0, 20.0)]
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=["ardupilot", "px4"])
@@ -28,8 +28,7 @@ def places_m(bench: Bench) -> np.ndarray:
 def flown(autopilot, *items) -> Bench:
     bench = Bench(autopilot)
     bench.run(50.0)
-    bench.load(*up_there(*items))
-    bench.take_off()
+    bench.take_off(*items)
     bench.run(90.0)
     return bench
 

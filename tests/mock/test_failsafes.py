@@ -10,7 +10,7 @@ from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command, MissionType
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, above_home
-from tests.mock.bench import Bench, go, ready, up_there
+from tests.mock.bench import Bench, go, ready
 from uavcover.flight.modes import Mode
 from uavcover.mock.dynamics import BatteryData
 
@@ -49,8 +49,7 @@ def texts(bench: Bench) -> str:
 @pytest.mark.parametrize("fence", [Fence((box(60.0),)), Fence((), (keep_out(),))], ids=["polygon", "circle"])
 def test_a_fence_breach_is_told_and_acted_on(autopilot, fence):
     bench = fenced(autopilot, fence)
-    bench.load(*up_there(go(0, 300, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 300, 20))
     bench.run(25.0)
     assert bench.vehicle.mode is (Mode.RETURN if autopilot is ARDUPILOT else Mode.HOLD)
     assert "fence breached" in texts(bench) or "Geofence violation" in texts(bench)
@@ -61,8 +60,7 @@ def test_a_fence_breach_is_told_and_acted_on(autopilot, fence):
 def test_the_action_is_the_parameters(action, mode):
     bench = fenced(ARDUPILOT, Fence((box(60.0),)))
     set_parameter(bench, "FENCE_ACTION", action)
-    bench.load(*up_there(go(0, 300, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 300, 20))
     bench.run(15.0)
     assert bench.vehicle.mode is mode
     assert "Polygon fence breached" in texts(bench)
@@ -71,8 +69,7 @@ def test_the_action_is_the_parameters(action, mode):
 def test_ardupilot_minds_no_fence_that_is_not_enabled():
     bench = fenced(ARDUPILOT, Fence((box(60.0),)))
     set_parameter(bench, "FENCE_ENABLE", 0)
-    bench.load(*up_there(go(0, 300, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 300, 20))
     bench.run(25.0)
     assert bench.vehicle.mode is Mode.MISSION
 
@@ -81,8 +78,7 @@ def test_ardupilot_minds_no_fence_that_is_not_enabled():
 def test_heights_and_distances_are_fences_too(autopilot):
     bench = fenced(autopilot, Fence())
     set_parameter(bench, "FENCE_ALT_MAX" if autopilot is ARDUPILOT else "GF_MAX_VER_DIST", 50)
-    bench.load(*up_there(go(0, 30, 90)))
-    bench.take_off()
+    bench.take_off(go(0, 30, 90))
     bench.run(25.0)
     assert "Max Alt" in texts(bench)
     assert bench.vehicle.mode is not Mode.MISSION
@@ -105,8 +101,7 @@ def test_a_battery_that_runs_low_is_told_and_brings_it_home_when_told_to(autopil
         set_parameter(bench, "BATT_FS_LOW_ACT", 2)
     else:
         set_parameter(bench, "COM_LOW_BAT_ACT", 3)
-    bench.load(*up_there(go(0, 80, 20, hold_s=600.0)))
-    bench.take_off()
+    bench.take_off(go(0, 80, 20, hold_s=600.0))
     while bench.vehicle.armed:
         bench.run(1.0)
         assert bench.now < 200.0
@@ -121,8 +116,7 @@ def test_a_battery_that_runs_low_is_told_and_brings_it_home_when_told_to(autopil
 @BOTH
 def test_an_empty_battery_lets_it_fall(autopilot):
     bench = ready(autopilot, battery=BatteryData(endurance_s=40.0))
-    bench.load(*up_there(go(0, 80, 20, hold_s=600.0)))
-    bench.take_off()
+    bench.take_off(go(0, 80, 20, hold_s=600.0))
     bench.run(60.0)
     assert bench.vehicle.body.crashed
     assert "Battery 1 is empty" in texts(bench)
@@ -134,8 +128,7 @@ def test_a_lost_ground_station_is_minded_only_when_told_to(autopilot):
         bench = ready(autopilot)
         if told:
             set_parameter(bench, "FS_GCS_ENABLE" if autopilot is ARDUPILOT else "NAV_DLL_ACT", 1 + (autopilot is PX4))
-        bench.load(*up_there(go(0, 900, 20)))
-        bench.take_off()
+        bench.take_off(go(0, 900, 20))
         for _ in range(10):
             bench.send(STATION)
             bench.run(1.0)

@@ -60,8 +60,7 @@ def test_what_is_no_fault_is_refused_with_what_would_be_one(text, says):
 def flying(autopilot, fault: str, **options) -> Bench:
     """A vehicle on a long leg north, with a fault to come."""
     bench = ready(autopilot, faults=[parse_fault(fault)], **options)
-    bench.load(*up_there(go(0, 150, 20), go(0, 300, 20), go(0, 450, 20), go(0, 600, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 150, 20), go(0, 300, 20), go(0, 450, 20), go(0, 600, 20))
     return bench
 
 

@@ -85,28 +85,31 @@ def test_mission_currents_total_leaves_home_out():
 # back as 65531 s. autocontinue comes back 1."
 
 
-@pytest.mark.parametrize(("sent", "back"), [(0, 0), (5, 0), (3, 3), (6, 3), (10, 10), (11, 10)])
-def test_frames_come_back_changed(sent, back):
+@pytest.fixture
+def bench():
+    """One that waits for item 1 of 2."""
     bench = switched_on()
     bench.count(2)
     bench.send_item(0, home_row())
-    bench.send_raw_item(1, frame=sent)
-    assert bench.raw_item(1).frame == back
+    return bench
 
 
-def test_a_command_without_a_place_comes_back_in_frame_0():
-    bench = switched_on()
-    bench.count(2)
-    bench.send_item(0, home_row())
-    bench.send_raw_item(1, frame=2, command=178)
-    assert bench.raw_item(1).frame == 0
+@pytest.mark.parametrize(
+    ("sent", "back"),
+    [
+        *(({"frame": sent}, {"frame": back}) for sent, back in ((0, 0), (5, 0), (3, 3), (6, 3), (10, 10), (11, 10))),
+        ({"frame": 2, "command": 178}, {"frame": 0}),  # a command without a place
+        ({"autocontinue": 0}, {"autocontinue": 1}),
+    ],
+)
+def test_frames_and_autocontinue_come_back_changed(bench, sent, back):
+    bench.send_raw_item(1, **sent)
+    stored = bench.raw_item(1)
+    assert {name: getattr(stored, name) for name in back} == back
 
 
 @pytest.mark.parametrize("frame", [1, 4, 7, 12, 20])
-def test_any_other_frame_is_unsupported(frame):
-    bench = switched_on()
-    bench.count(2)
-    bench.send_item(0, home_row())
+def test_any_other_frame_is_unsupported(bench, frame):
     assert bench.send_raw_item(1, frame=frame).result == MissionResult.UNSUPPORTED_FRAME
 
 
@@ -128,14 +131,6 @@ def test_a_waypoint_loses_p2_to_p4_and_a_negative_hold_time_becomes_huge():
     assert bench.download()[1].params == (65531.0, 0.0, 0.0, 0.0)
 
 
-def test_autocontinue_comes_back_1():
-    bench = switched_on()
-    bench.count(2)
-    bench.send_item(0, home_row())
-    bench.send_raw_item(1, autocontinue=0)
-    assert bench.raw_item(1).autocontinue == 1
-
-
 # "Latitude 91 -> INVALID_PARAM5_X, NaN altitude -> INVALID_PARAM7. A wrong seq -> INVALID_SEQUENCE, and the transfer stays
 # open."
 
@@ -147,17 +142,11 @@ def test_autocontinue_comes_back_1():
         (place(alt_m=math.nan), MissionResult.INVALID_PARAM7),
     ],
 )
-def test_impossible_numbers_are_refused(item, result):
-    bench = switched_on()
-    bench.count(2)
-    bench.send_item(0, home_row())
+def test_impossible_numbers_are_refused(bench, item, result):
     assert bench.send_item(1, item).result == result
 
 
-def test_a_wrong_seq_is_answered_and_the_transfer_stays_open():
-    bench = switched_on()
-    bench.count(2)
-    bench.send_item(0, home_row())
+def test_a_wrong_seq_is_answered_and_the_transfer_stays_open(bench):
     assert bench.send_item(5, place()).result == MissionResult.INVALID_SEQUENCE
     assert bench.send_item(1, place()).result == MissionResult.ACCEPTED
 
@@ -323,8 +312,7 @@ def test_to_fly_is_guided_arm_auto_start():
 
 def test_an_upload_in_flight_restarts_the_active_item_and_clearing_is_an_error():
     bench = ready()
-    bench.load(*up_there(go(0, 300, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 300, 20))
     bench.run(15.0)
     active = bench.vehicle.current_seq
     bench.load(*up_there(go(0, -300, 20)))

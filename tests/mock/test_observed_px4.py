@@ -15,7 +15,7 @@ from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, mission
-from tests.mock.bench import Bench, go, up_there
+from tests.mock.bench import Bench, go
 from uavcover.flight.modes import Mode
 from uavcover.mock.behaviour import OBSERVED
 from uavcover.mock.ports import InMemoryPeer
@@ -146,8 +146,7 @@ def test_an_unfinished_download_blocks_uploads_for_5_3_s():
 def test_reached_items_repeat_and_skip():
     bench = switched_on()
     near = [go(0, 30 + 0.5 * n, 20, acceptance_radius_m=5.0) for n in range(4)]
-    bench.load(*up_there(*near, go(0, 90, 20)))
-    bench.take_off()
+    bench.take_off(*near, go(0, 90, 20))
     bench.run(40.0)
     reached = [message.seq for message in bench.heard(m.MissionItemReached)]
     assert len(reached) > len(set(reached))
@@ -186,8 +185,7 @@ def test_at_50_times_real_time_its_time_outs_are_shorter_than_a_round_trip(speed
 
 def test_it_climbs_where_it_is_to_the_next_items_height_when_it_enters_its_mission_again():
     bench = switched_on()
-    bench.load(*up_there(go(0, 150, 20), go(0, 300, 60), go(0, 320, 60)))
-    bench.take_off()
+    bench.take_off(go(0, 150, 20), go(0, 300, 60), go(0, 320, 60))
     while bench.vehicle.current_seq < 2:
         bench.run(0.5)
     bench.run(6.0)

@@ -8,7 +8,7 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.wire import messages as m
-from tests.mock.bench import Bench, go, up_there
+from tests.mock.bench import Bench, go
 from uavcover.errors import InputError
 from uavcover.mock.dynamics import Airframe, PointMass
 from uavcover.mock.positioning import GpsError, Positioning, TruthFile, TruthSample
@@ -80,8 +80,7 @@ def test_the_truth_log_stands_beside_what_it_tells(tmp_path):
     told: list[TruthSample] = []
     bench = Bench(ARDUPILOT, gps=GpsError(horizontal_m=1.0, vertical_m=1.0), on_truth=told.append)
     bench.run(3.0)
-    bench.load(*up_there(go(0, 60, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 60, 20))
     bench.run(10.0)
     positions = bench.heard(m.GlobalPositionInt)
     assert [sample.time_s for sample in told] == [position.time_boot_s for position in positions]

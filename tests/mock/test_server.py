@@ -24,7 +24,7 @@ from uavcover.flight.fly import Ending, Orders, fly
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.mock.ports import InMemoryPeer, TcpPort
-from uavcover.mock.server import MockServer, mock_endpoint, run, start_in_background
+from uavcover.mock.server import BackgroundMock, MockServer, mock_endpoint, run
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 SPEED = 40.0
@@ -97,7 +97,7 @@ def test_a_process_that_is_stopped_in_the_middle_of_an_upload_is_an_error():
 
 
 def background(speed: float = SPEED, autopilot=PX4, **options):
-    return start_in_background(MockVehicle(autopilot, HOME, MockConfig(speed=speed)), speed=speed, **options)
+    return BackgroundMock(MockVehicle(autopilot, HOME, MockConfig(speed=speed)), speed=speed, **options)
 
 
 def test_the_url_mock_starts_a_vehicle_that_ends_with_its_link():

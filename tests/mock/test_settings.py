@@ -9,7 +9,7 @@ from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME
-from tests.mock.bench import Bench, go, ready, up_there
+from tests.mock.bench import Bench, go, ready
 from tests.mock.test_failsafes import BOTH, set_parameter, texts
 from uavcover.flight.modes import Mode
 
@@ -18,8 +18,7 @@ def flying(autopilot, *items, **parameters: float) -> Bench:
     bench = ready(autopilot)
     for name, value in parameters.items():
         set_parameter(bench, name, value)
-    bench.load(*up_there(*(items or (go(0, 100, 20), go(0, 300, 20)))))
-    bench.take_off()
+    bench.take_off(*(items or (go(0, 100, 20), go(0, 300, 20))))
     return bench
 
 

@@ -172,8 +172,7 @@ def test_commands_for_others_are_not_answered():
 @BOTH
 def test_in_the_air_it_is_not_disarmed_unless_forced(autopilot):
     bench = ready(autopilot)
-    bench.load(*up_there(go(0, 50, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 50, 20))
     assert bench.command(Command.COMPONENT_ARM_DISARM, 0.0) is CommandResult.DENIED
     assert bench.command(Command.COMPONENT_ARM_DISARM, 0.0, 21196.0) is CommandResult.ACCEPTED
     assert bench.vehicle.body.crashed
@@ -185,8 +184,7 @@ def test_in_the_air_it_is_not_disarmed_unless_forced(autopilot):
 @BOTH
 def test_pause_holds_and_continue_goes_on(autopilot):
     bench = ready(autopilot)
-    bench.load(*up_there(go(0, 300, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 300, 20))
     bench.run(10.0)
     assert bench.command(Command.DO_PAUSE_CONTINUE, 0.0) is CommandResult.ACCEPTED
     bench.run(8.0)
@@ -202,8 +200,7 @@ def test_pause_holds_and_continue_goes_on(autopilot):
 @BOTH
 def test_return_climbs_goes_home_lands_and_disarms(autopilot):
     bench = ready(autopilot)
-    bench.load(*up_there(go(40, 60, 20)))
-    bench.take_off()
+    bench.take_off(go(40, 60, 20))
     bench.run(12.0)
     assert bench.command(Command.NAV_RETURN_TO_LAUNCH) is CommandResult.ACCEPTED
     heights = []
@@ -221,8 +218,7 @@ def test_return_climbs_goes_home_lands_and_disarms(autopilot):
 
 def test_land_comes_down_where_it_is():
     bench = ready()
-    bench.load(*up_there(go(40, 60, 20)))
-    bench.take_off()
+    bench.take_off(go(40, 60, 20))
     bench.run(12.0)
     assert bench.command(Command.NAV_LAND) is CommandResult.ACCEPTED
     bench.run(60.0)
@@ -233,8 +229,7 @@ def test_land_comes_down_where_it_is():
 @BOTH
 def test_another_item_can_be_made_current(autopilot):
     bench = ready(autopilot)
-    bench.load(*up_there(go(0, 200, 20), go(200, 0, 20), go(0, -200, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 200, 20), go(200, 0, 20), go(0, -200, 20))
     first = 1 if autopilot is ARDUPILOT else 0
     assert bench.command(Command.DO_SET_MISSION_CURRENT, first + 3.0) is CommandResult.ACCEPTED
     bench.run(10.0)
@@ -246,8 +241,7 @@ def test_another_item_can_be_made_current(autopilot):
 
 def test_speeds_can_be_changed_by_command_and_by_parameter():
     bench = ready()
-    bench.load(*up_there(go(0, 900, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 900, 20))
     bench.run(10.0)
     assert bench.command(Command.DO_CHANGE_SPEED, 1.0, 4.0, -1.0) is CommandResult.ACCEPTED
     bench.run(10.0)
@@ -262,8 +256,7 @@ def test_speeds_can_be_changed_by_command_and_by_parameter():
 
 def test_waits_and_radii_of_the_mission_are_kept():
     bench = ready(PX4)
-    bench.load(*up_there(go(0, 30, 20, hold_s=5.0), delay(4.0), go(0, 60, 20, acceptance_radius_m=9.0)))
-    bench.take_off()
+    bench.take_off(go(0, 30, 20, hold_s=5.0), delay(4.0), go(0, 60, 20, acceptance_radius_m=9.0))
     reached = {}
     for _ in range(400):
         bench.run(0.1)
@@ -278,8 +271,7 @@ def test_waits_and_radii_of_the_mission_are_kept():
 @BOTH
 def test_an_upload_in_flight_restarts_the_active_item(autopilot):
     bench = ready(autopilot)
-    bench.load(*up_there(go(0, 300, 20)))
-    bench.take_off()
+    bench.take_off(go(0, 300, 20))
     bench.run(15.0)
     assert bench.vehicle.body.point.velocity_m_s[1] > 5.0
     bench.load(*up_there(go(0, -300, 20)))
@@ -316,8 +308,7 @@ def test_over_given_ground_terrain_heights_are_followed_and_hitting_it_is_a_cras
 
     bench = ready(ground=slope)
     over = waypoint(*above_home((0.0, 100.0, 0.0))[:2], 30.0, frame=Frame.ABOVE_TERRAIN)
-    bench.load(*up_there(over))
-    bench.take_off()
+    bench.take_off(over)
     bench.run(30.0)
     assert bench.up_m == pytest.approx(80.0, abs=2.5)
     bench.load(*up_there(over, go(0, 400, 100)))
@@ -334,8 +325,7 @@ def test_landing_beside_home_on_a_slope_ends_on_the_ground_there():
         return HOME.alt_amsl_m + (lat_deg - HOME.lat_deg) * 111_000.0 * 0.1
 
     bench = ready(ground=slope)
-    bench.load(*up_there(go(0, 50, 30), land(*above_home((0.0, 50.0, 5.0)), frame=Frame.ABOVE_HOME)))
-    bench.take_off()
+    bench.take_off(go(0, 50, 30), land(*above_home((0.0, 50.0, 5.0)), frame=Frame.ABOVE_HOME))
     bench.run(80.0)
     assert not bench.vehicle.armed
     assert bench.up_m == pytest.approx(5.0, abs=0.1)
@@ -343,8 +333,7 @@ def test_landing_beside_home_on_a_slope_ends_on_the_ground_there():
 
 def test_flat_ground_does_not_stop_a_route_below_home():
     bench = ready()
-    bench.load(*up_there(go(0, 60, -30), go(0, 90, 10)))
-    bench.take_off()
+    bench.take_off(go(0, 60, -30), go(0, 90, 10))
     lowest = 0.0
     for _ in range(60):
         bench.run(0.5)

@@ -102,7 +102,7 @@ def test_a_folder_that_may_only_be_read_is_looked_at(run: RunFolder, monkeypatch
     from uavcover.errors import OutputError
 
     provenance.note_flying(run)
-    monkeypatch.setattr(provenance, "_is_there", lambda _: False)
+    monkeypatch.setattr(provenance, "is_running", lambda _: False)
 
     def refuse(*_: object) -> None:
         raise OutputError("read-only")

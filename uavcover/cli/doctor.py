@@ -128,24 +128,14 @@ def _optional() -> Iterator[Diagnosis]:
         ("anywidget", "the map in notebooks", "jupyter"),
         ("distributed", "--scheduler: large areas on several processes or machines", "cluster"),
     ):
-        yield _extra(name, purpose, extra)
+        try:
+            yield Diagnosis(name, True, False, f"{metadata.version(name)}, for {purpose}")
+        except metadata.PackageNotFoundError:
+            yield Diagnosis(name, False, False, f"needed for {purpose}: pip install {name} (extra {extra})")
     for name, variable in (("ArduCopter simulator", "UAVCOVER_ARDUCOPTER"), ("PX4 simulator", "UAVCOVER_PX4")):
         path = os.environ.get(variable)
         ok = path is not None and Path(path).exists()
         yield Diagnosis(name, ok, False, path if ok and path else f"set {variable} to fly it in sitl_tests")
-
-
-def _extra(name: str, purpose: str, extra: str) -> Diagnosis:
-    """A package that only one extra of uavcover brings."""
-    try:
-        return Diagnosis(name, True, False, f"{metadata.version(name)}, for {purpose}")
-    except metadata.PackageNotFoundError:
-        return Diagnosis(
-            name,
-            False,
-            False,
-            f"needed for {purpose}: pip install {name} (extra {extra})",
-        )
 
 
 _VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")

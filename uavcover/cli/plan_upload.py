@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from mission_io.client.transfer_outcome import ReadBack
     from uavcover.cli.console import Console
     from uavcover.flight.connect import VehicleLink
-    from uavcover.plugins import load
     from uavcover.run.folder import RunFolder
 
 # ``uavcover upload``: any mission file to a vehicle.
@@ -152,6 +151,7 @@ def plan_upload(
     from uavcover.flight.own_links import links_of_run, links_of_scenario
     from uavcover.flight.upload import upload_run
     from uavcover.planner.command import PlanRequest, plan_into
+    from uavcover.plugins import load
     from uavcover.run.flight_folders import read_planned
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import to_paste

@@ -319,24 +319,11 @@ class SurveyOptions:
 
         if not area.strip():
             raise InputError("the area: the argument is empty; specify a file, WEST,SOUTH,EAST,NORTH or LAT,LON,RADIUS")
-        for option in fields(self):
-            value = getattr(self, option.name)
-            if any(
-                isinstance(text, str) and not text.strip() for text in (value if isinstance(value, list) else [value])
-            ):
-                raise InputError(
-                    f"--{option.name.replace('_', '-')}: the value is empty; specify a value, or omit the option"
-                )
-        query = AreaQuery(
-            source=area, layer=self.layer, feature=self.feature, crs=self.crs, make_valid=self.make_valid,
-            swap_axes=self.swap_axes,
-        )  # fmt: skip
-        return NewRequest(
-            area=query, dem=tuple(self.dem or ()), camera=self.camera, gsd=self.gsd, overlap=self.overlap, battery=self.battery,
-            vehicle=self.vehicle, home=self.home, max_height=self.max_height, speed=self.speed, margin=self.margin,
-            mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
-            dem_crs=self.dem_crs, height_unit=self.height_unit, band=self.band, fill_lakes=self.fill_lakes,
-            water_height=self.water_height,
-            no_fly=tuple(self.no_fly or ()), at=self.at, pattern=self.pattern,
-            dsm=tuple(self.dsm or ()), trust_dem=self.trust_dem,
-        )  # fmt: skip
+        options = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name, value in options.items():
+            texts = value if isinstance(value, list) else [value]
+            if any(isinstance(text, str) and not text.strip() for text in texts):
+                raise InputError(f"--{name.replace('_', '-')}: the value is empty; specify a value, or omit the option")
+        of_area = {name: options.pop(name) for name in ("layer", "feature", "crs", "make_valid", "swap_axes")}
+        options |= {name: tuple(options[name] or ()) for name in ("dem", "dsm", "no_fly")}
+        return NewRequest(area=AreaQuery(source=area, **of_area), autopilot=autopilot, **options)

@@ -50,11 +50,11 @@ def _ask(session: Session, groups: Collection[Collection[str]], found: dict[str,
     client = session.client
     to, began_s = client.vehicle, client.clock.now()
     for name in (name for names in groups for name in names):
-        client.send(ParamRequestRead(to.system_id, to.component_id, name))
+        client.send(ParamRequestRead(*to.address, name))
     until_s, longest_s = began_s + quiet_s, began_s + PREPARATION.limit_answer_s
     while any(found.keys().isdisjoint(names) for names in groups) and client.clock.now() < min(until_s, longest_s):
         for received in client.poll(0.1):
-            ours = (received.system_id, received.component_id) == (to.system_id, to.component_id)
+            ours = received.sender == to.address
             if ours and isinstance(received.message, ParamValue):
                 found[received.message.name] = received.message
                 now = client.clock.now()

@@ -140,8 +140,7 @@ def set_current_item(session: Session, seq: int) -> None:
     except (CommandRefusedError, VehicleSilentError) as error:
         if isinstance(error, CommandRefusedError) and error.result != CommandResult.UNSUPPORTED:
             raise
-        to = session.client.vehicle
-        session.client.send(MissionSetCurrent(to.system_id, to.component_id, seq))
+        session.client.send(MissionSetCurrent(*session.client.vehicle.address, seq))
 
 
 def disarm_on_ground(session: Session) -> bool:

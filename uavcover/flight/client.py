@@ -9,9 +9,8 @@ from mission_io.client.peers import Peers
 from mission_io.client.transfer_outcome import ReadBack
 from mission_io.clock import Clock
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.wire.codec import LinkStatistics
-from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
+from mission_io.wire.messages import Address, CommandAck, Message, ParamValue, Received
 
 MessageT = TypeVar("MessageT", bound=Message)
 

@@ -64,7 +64,9 @@ def plan_facts(plan: FlightPlan, *, px4: bool) -> dict[str, float]:
         "climb": plan.max_climb_m_s,
         "descent": plan.max_descent_m_s,
         "gimbal": float(any(command in commands for command in _POINTS_GIMBAL)),
-        "heading": float(px4 and any(_has_heading(i.params[3]) for i in items if i.command == Command.NAV_WAYPOINT)),
+        "heading": float(
+            px4 and any(0.0 < abs(i.params[3]) < math.inf for i in items if i.command == Command.NAV_WAYPOINT)
+        ),
         "pictures": float(distance_m > 0.0 or any(command in commands for command in _TAKES_PHOTO)),
         "pictures_by_distance": float(distance_m > 0.0),
         "terrain_frames": float(any(item.frame is Frame.ABOVE_TERRAIN for item in items)),
@@ -86,10 +88,6 @@ def plan_facts(plan: FlightPlan, *, px4: bool) -> dict[str, float]:
         facts |= {"acceleration": needs.pace.acceleration_m_s2, "jerk": needs.pace.jerk_m_s3} if finite else {}
         facts |= {"picture_interval": distance_m / needs.pace.cruise_m_s} if distance_m > 0.0 else {}
     return {name: value for name, value in facts.items() if value is not None}
-
-
-def _has_heading(yaw_deg: float) -> bool:
-    return math.isfinite(yaw_deg) and yaw_deg != 0.0
 
 
 def _extent(plan: FlightPlan) -> dict[str, float]:

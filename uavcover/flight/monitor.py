@@ -14,10 +14,9 @@ from mission_io.client.client import Client
 from mission_io.links.opening import Link, open_link
 from mission_io.model.enums import MissionResult, MissionState
 from mission_io.model.items import MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
-from mission_io.wire.messages import StatusText
+from mission_io.wire.messages import Address, StatusText
 from uavcover.flight.ground_contact import GroundContact
 from uavcover.flight.tuning import MONITOR
 

@@ -64,9 +64,9 @@ def require_answers(client: VehicleClient) -> None:
         if client.clock.now() >= again_s:
             again_s = client.clock.now() + PREPARATION.proof_again_s
             for name in _GCS_PARAMETERS:
-                client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
+                client.send(m.ParamRequestRead(*vehicle.address, name))
         for received in client.poll(0.1):
-            ours = (received.system_id, received.component_id) == (vehicle.system_id, vehicle.component_id)
+            ours = received.sender == vehicle.address
             # It also broadcasts parameters that it changes by itself, such as its running time.
             if ours and isinstance(received.message, m.ParamValue) and received.message.name in _GCS_PARAMETERS:
                 return

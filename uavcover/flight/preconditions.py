@@ -208,7 +208,7 @@ class _SettingsWatch:
                 alarm=True,
             )
         self._unanswered += 1
-        session.client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
+        session.client.send(m.ParamRequestRead(*vehicle.address, name))
 
     def _rows(self) -> dict[str, Limit]:
         rows = limit_table(
@@ -238,7 +238,9 @@ class _SettingsWatch:
         reasons = flown + [row.sentence for row in worse]
         flight = "return" if self._plan.is_way_home else "mission"
         text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; the {flight} does not depend on it"
-        breaches = [row for row in rows.values() if self._is_breach(row)]
+        # A vehicle that is set so would not have been armed, and was.
+        refused = [row for row in rows.values() if row.weight is Weight.REFUSED]
+        breaches = [row for row in refused if _grew(row, self._rows_before.get(row.parameter))]
         if breaches:
             self._worse = text if any(row in breaches for row in worse) else self._worse or text
         else:
@@ -249,10 +251,6 @@ class _SettingsWatch:
             )
         if any((row := table.row_of(name)) is not None and row.returns for name in changed):
             self._returns_changed(self.values)
-
-    def _is_breach(self, row: Limit) -> bool:
-        """Whether a vehicle that is set so would not have been armed, and was."""
-        return row.weight is Weight.REFUSED and _grew(row, self._rows_before.get(row.parameter))
 
 
 def _grew(row: Limit, before: Limit | None) -> bool:

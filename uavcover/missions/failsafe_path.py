@@ -181,16 +181,13 @@ class _Model:
         seconds = self._seconds(points) + (waits if "return" in stages else 0.0)
         seconds += self._get["hold_first_s"] if self._holds else 0.0
         if tail is not None and joins is not None:
-            left = np.concatenate([np.cumsum(self._seconds_of_legs(tail)[::-1])[::-1], [0.0]])
+            left = np.concatenate([np.cumsum(self._seconds_between(tail[:-1], tail[1:])[::-1])[::-1], [0.0]])
             seconds = seconds + left[joins] + self._seconds(np.stack([points[:, -1], tail[joins]], axis=1))
         return FailsafePaths((), points, tuple(stages), destinations, seconds, tail, joins, note)
 
     def _seconds(self, points: FloatArray) -> FloatArray:
         """(n,) flying time along (n, k, 3) points."""
         return np.asarray(np.sum([self._seconds_between(a, b) for a, b in _pairs(points)], axis=0), float)
-
-    def _seconds_of_legs(self, line: FloatArray) -> FloatArray:
-        return self._seconds_between(line[:-1], line[1:])
 
     def _seconds_between(self, a: FloatArray, b: FloatArray) -> FloatArray:
         get = self._get

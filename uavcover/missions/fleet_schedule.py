@@ -45,12 +45,9 @@ def schedule(
     starts, _ = search.starts(best)
     if vehicle_of is not None:
         return tuple(starts)
-    numbered = {old: new for new, old in enumerate(dict.fromkeys(s.vehicle for s in sorted(starts, key=_by_start)))}
+    by_start = sorted(starts, key=lambda start: start.start_s)
+    numbered = {old: new for new, old in enumerate(dict.fromkeys(start.vehicle for start in by_start))}
     return tuple(Start(numbered[s.vehicle], s.start_s) for s in starts)
-
-
-def _by_start(start: Start) -> float:
-    return start.start_s
 
 
 class _OrderSearch:

@@ -103,14 +103,12 @@ def _flight_costs(
     )
 
 
-def _item_limit(site: Site, autopilot: AutopilotName) -> float:
-    limits = (AUTOPILOTS[autopilot].item_limit, site.scenario.vehicle.max_mission_items)
-    return min((float(limit) for limit in limits if limit is not None), default=math.inf)
-
-
 def _limits(site: Site, autopilot: AutopilotName) -> tuple[float, float]:
     """Seconds and mission items of one flight."""
-    return site.scenario.vehicle.longest_flight_s or math.inf, _item_limit(site, autopilot)
+    vehicle = site.scenario.vehicle
+    limits = (AUTOPILOTS[autopilot].item_limit, vehicle.max_mission_items)
+    items = min((float(limit) for limit in limits if limit is not None), default=math.inf)
+    return vehicle.longest_flight_s or math.inf, items
 
 
 def tighter(costs: FlightCosts) -> FlightCosts:

@@ -98,16 +98,6 @@ def headed(item: MissionItem, sensor: Sensor, autopilot: AutopilotName) -> Missi
     return replace(item, params=(*item.params[:3], sensor.heading_deg))
 
 
-def start_pictures(distance_m: float) -> MissionItem:
-    """Take a photo now and after every ``distance_m`` metres over ground."""
-    return trigger_camera_every(distance_m)
-
-
-def stop_pictures() -> MissionItem:
-    """Stop taking photos by distance."""
-    return trigger_camera_every(0.0)
-
-
 def picture_at_waypoint(number: int, autopilot: AutopilotName) -> MissionItem:
     """Take one photo at planned waypoint ``number``, from 0: carried out once the waypoint before it is reached."""
     return item_of(StartPictures(count=1, first_number=number + 1) if autopilot == "px4" else TakePicture())
@@ -270,8 +260,8 @@ def _compiled(
     picture_distance_m = trigger_distance_m(site.scenario)
     if picture_distance_m is not None:
         # a command is executed once the waypoint before it is reached, so the first waypoint appears twice.
-        opening += [first, start_pictures(picture_distance_m)]
-        sensing.append(stop_pictures())
+        opening += [first, trigger_camera_every(picture_distance_m)]
+        sensing.append(trigger_camera_every(0.0))
     if not sensor.looks_along_path:
         pictures = [picture_at_waypoint(number, autopilot) for number in range(len(planned))]
         sensing = [item for pair in zip(sensing, pictures, strict=True) for item in pair]

@@ -64,10 +64,10 @@ def compile_sorties(
         InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
     refusal = InfeasibleError("no split meets the limits")
+    flyer = _Flyer(site, autopilot, most_points)
     if vehicles == 1 or len(route) < 2:
         try:
-            whole = _compile(site, route, autopilot=autopilot, most_points=most_points)
-            return (Sortie(0, len(route) - 1, route, whole),)
+            return (Sortie(0, len(route) - 1, route, flyer.compiled(route)),)
         except MissionTooLongError as error:
             if len(route) < 2:
                 raise
@@ -77,8 +77,7 @@ def compile_sorties(
         found = _cuts(costs[0], site, vehicles, spacing_share)
         return None if found is None else [(first, last, 0) for first, last in found]
 
-    flyers = [_Flyer(site, autopilot, most_points)]
-    return _cut_and_compiled(flyers, route, cut, refusal)
+    return _cut_and_compiled([flyer], route, cut, refusal)
 
 
 def compile_unlike_sorties(
@@ -95,7 +94,6 @@ def compile_unlike_sorties(
     Raises:
         InfeasibleError: a leg breaks a limit, or no vehicle reaches a part of the route inside its endurance (says which).
     """
-    refusal = InfeasibleError("no split meets the limits")
     fleet = sites[0].scenario.fleet
 
     def cut(costs: Sequence[FlightCosts]) -> FlightsOfVehicles | None:
@@ -108,7 +106,7 @@ def compile_unlike_sorties(
     flyers = [_Flyer(site, site.scenario.vehicle.autopilot, None) for site in sites]
     if len(route) < 2:
         return _one_of(flyers, route)
-    return _cut_and_compiled(flyers, route, cut, refusal)
+    return _cut_and_compiled(flyers, route, cut, InfeasibleError("no split meets the limits"))
 
 
 def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | None) -> None:
@@ -168,7 +166,12 @@ class _Flyer:
         return flight_costs_along_transits(self.site, route, self.autopilot, self.most_points)
 
     def compiled(self, route: Route) -> CompiledMission:
-        return _compile(self.site, route, autopilot=self.autopilot, most_points=self.most_points)
+        compiled = compile_mission(self.site, route, autopilot=self.autopilot)
+        if self.most_points is not None and len(compiled.path_m) > self.most_points:
+            raise MissionTooLongError(
+                f"the flight has {len(compiled.path_m)} points with its transits; the limit is {self.most_points}"
+            )
+        return compiled
 
 
 def sharing_home(sites: Sequence[Site], near_m: float) -> list[int]:
@@ -244,15 +247,6 @@ def _cut_and_compiled(
     raise InfeasibleError(f"the route could not be split into flights: {refusal}") from refusal
 
 
-def _compile(site: Site, route: Route, *, autopilot: AutopilotName, most_points: int | None) -> CompiledMission:
-    compiled = compile_mission(site, route, autopilot=autopilot)
-    if most_points is not None and len(compiled.path_m) > most_points:
-        raise MissionTooLongError(
-            f"the flight has {len(compiled.path_m)} points with its transits; the limit is {most_points}"
-        )
-    return compiled
-
-
 def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -> Sequence[tuple[int, int]] | None:
     """First and last waypoint of each flight of the split that is done soonest; none when no split exists."""
     if vehicles > 1:
@@ -277,29 +271,29 @@ def _spacing_s(costs: FlightCosts, site: Site, vehicles: int) -> float:
 def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
     """Message naming the part of a route that no flight reaches, and by how much."""
     step = costs.shared
-    n = len(costs.so_far_s)
-    firsts = np.arange(n - step)
+    firsts = np.arange(len(costs.so_far_s) - step)
+
+    def part(first: int) -> str:
+        return f"the leg to waypoint {first + 1}" if step else f"waypoint {first}"
+
     least = (
         costs.there_s[firsts] + (costs.so_far_s[firsts + step] - costs.so_far_s[firsts]) + costs.back_s[firsts + step]
     )
     worst = int(np.argmax(np.where(np.isfinite(least), least, -math.inf)))
     if least[worst] > costs.endurance_s:
-        what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
         return (
-            f"{what}: flown alone it takes {least[worst]:.0f} s with its transits, but "
+            f"{part(worst)}: flown alone it takes {least[worst]:.0f} s with its transits, but "
             f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
         )
     used = np.array([battery_s(costs.energies, int(first), int(first) + step) for first in firsts])
     worst = int(np.argmax(used))
     if used[worst] > costs.energies.usable_s:
-        what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
         return (
-            f"{what}: flown alone it uses {battery_in_words(site, float(used[worst]))}; move [home] nearer, plan a smaller area, "
-            "or fly in less wind"
+            f"{part(worst)}: flown alone it uses {battery_in_words(site, float(used[worst]))}; move [home] nearer, plan a "
+            "smaller area, or fly in less wind"
         )
     items = costs.there_items[firsts] + costs.each_items * (step + 1) + costs.back_items[firsts + step]
     most = int(np.argmax(items))
     if items[most] > costs.item_limit:
-        what = f"the leg to waypoint {most + 1}" if step else f"waypoint {most}"
-        return f"{what}: a flight there and home has {items[most]} points or items; the limit is {costs.item_limit:g}"
+        return f"{part(most)}: a flight there and home has {items[most]} points or items; the limit is {costs.item_limit:g}"
     return f"the route cannot be split into flights: {refusal}"

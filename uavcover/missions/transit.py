@@ -67,7 +67,8 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
         top = home_ground + max(ground_end_height_m, wanted_m + _TRANSIT_SLACK_M)
         return np.vstack([[*home_en_m, max(end_m[2], top)], end_m])
     straight = _along(site, np.vstack([home_en_m, end_m[:2]]), end_m, ground_end_height_m)
-    if (not site.zones and _is_convex(site)) or _is_clear(site, straight, site.planned_zones):
+    is_convex = site.fence.convex_hull.area - site.fence.area <= _COLUMN_M
+    if (is_convex and not site.zones) or _is_clear(site, straight, site.planned_zones):
         return _low_enough(site, straight, home_en_m, end_m, ground_end_height_m)
     found = [straight]
     for ways in _ways_round(site):
@@ -117,10 +118,6 @@ def _is_clear(site: Site, points_m: FloatArray, zones: ZoneCheck) -> bool:
     line = shapely.LineString(points_m[:, :2])
     inside = line.length == 0.0 or shapely.length(line.difference(site.fence)) <= _COLUMN_M
     return bool(inside and not zones.leg_breaches(points_m))
-
-
-def _is_convex(site: Site) -> bool:
-    return bool(site.fence.convex_hull.area - site.fence.area <= _COLUMN_M)
 
 
 @once

@@ -68,10 +68,6 @@ def _arm(control: FlightControl, params: Params) -> CommandResult:
     return control.disarm(force=len(params) > 1 and params[1] == 21196.0)  # MAVLink: force
 
 
-def _set_mode(control: FlightControl, params: Params) -> CommandResult:
-    return _change_mode(control, mode_from_params(control.state.autopilot, params), int(params[1]))
-
-
 def _change_mode(control: FlightControl, mode: Mode | None, number: int) -> CommandResult:
     """Change the mode, and keep ArduPilot's number of it: BRAKE holds as LOITER, and cannot be armed in."""
     if mode is None:
@@ -83,14 +79,6 @@ def _start(control: FlightControl, params: Params) -> CommandResult:
     if control.state.is_ardupilot and any(params[:2]):
         return CommandResult.DENIED  # it knows no first and last item
     return control.start_mission()
-
-
-def _pause_or_continue(control: FlightControl, params: Params) -> CommandResult:
-    return control.set_mode(Mode.MISSION if params[0] == 1.0 else Mode.HOLD)
-
-
-def _set_current(control: FlightControl, params: Params) -> CommandResult:
-    return control.set_current(int(params[0]))
 
 
 def _change_speed(control: FlightControl, params: Params) -> CommandResult:
@@ -110,15 +98,11 @@ def _message_interval(control: FlightControl, params: Params) -> CommandResult:
 
 def _request_message(control: FlightControl, params: Params) -> CommandResult:
     kind = KIND_BY_ID.get(int(params[0]))
-    if kind is None:
-        return CommandResult.UNSUPPORTED
+    return CommandResult.UNSUPPORTED if kind is None else _told(control, kind)
+
+
+def _told(control: FlightControl, kind: type[m.Message]) -> CommandResult:
     tell(control.state, kind)
-    return CommandResult.ACCEPTED
-
-
-def _home(control: FlightControl, params: Params) -> CommandResult:
-    del params
-    tell(control.state, m.HomePosition)
     return CommandResult.ACCEPTED
 
 
@@ -135,22 +119,6 @@ def _fence(control: FlightControl, params: Params) -> CommandResult:
         return CommandResult.UNSUPPORTED
     control.state.fence.switched_off = params[0] == 0.0
     return CommandResult.ACCEPTED
-
-
-def _capabilities(control: FlightControl, params: Params) -> CommandResult:
-    del params
-    tell(control.state, m.AutopilotVersion)
-    return CommandResult.ACCEPTED
-
-
-def _return(control: FlightControl, params: Params) -> CommandResult:
-    del params
-    return control.set_mode(Mode.RETURN)
-
-
-def _land(control: FlightControl, params: Params) -> CommandResult:
-    del params
-    return control.set_mode(Mode.LAND)
 
 
 def _take_off(control: FlightControl, params: Params) -> CommandResult:
@@ -194,19 +162,23 @@ _GLOBAL_FRAMES = {0: Frame.AMSL, 5: Frame.AMSL, 3: Frame.ABOVE_HOME, 6: Frame.AB
 
 _HANDLERS: dict[int, Callable[[FlightControl, Params], CommandResult]] = {
     Command.COMPONENT_ARM_DISARM: _arm,
-    Command.DO_SET_MODE: _set_mode,
+    Command.DO_SET_MODE: lambda control, params: _change_mode(
+        control, mode_from_params(control.state.autopilot, params), int(params[1])
+    ),
     Command.MISSION_START: _start,
-    Command.DO_PAUSE_CONTINUE: _pause_or_continue,
-    Command.DO_SET_MISSION_CURRENT: _set_current,
+    Command.DO_PAUSE_CONTINUE: lambda control, params: control.set_mode(
+        Mode.MISSION if params[0] == 1.0 else Mode.HOLD
+    ),
+    Command.DO_SET_MISSION_CURRENT: lambda control, params: control.set_current(int(params[0])),
     Command.DO_CHANGE_SPEED: _change_speed,
     Command.SET_MESSAGE_INTERVAL: _message_interval,
     Command.REQUEST_MESSAGE: _request_message,
     Command.DO_SET_HOME: _set_home,
     Command.DO_FENCE_ENABLE: _fence,
-    Command.GET_HOME_POSITION: _home,
-    Command.REQUEST_AUTOPILOT_CAPABILITIES: _capabilities,
-    Command.NAV_RETURN_TO_LAUNCH: _return,
-    Command.NAV_LAND: _land,
+    Command.GET_HOME_POSITION: lambda control, _: _told(control, m.HomePosition),
+    Command.REQUEST_AUTOPILOT_CAPABILITIES: lambda control, _: _told(control, m.AutopilotVersion),
+    Command.NAV_RETURN_TO_LAUNCH: lambda control, _: control.set_mode(Mode.RETURN),
+    Command.NAV_LAND: lambda control, _: control.set_mode(Mode.LAND),
     Command.NAV_TAKEOFF: _take_off,
 }
 
@@ -240,7 +212,7 @@ def handle(control: FlightControl, failsafes: Failsafes, received: m.Received) -
             if vehicle.terrain is not None:
                 vehicle.terrain.take(message)
         case m.FileTransfer():
-            back = received.system_id, received.component_id
+            back = received.sender
             answers = vehicle.files.answer(message.payload)
             control.apply_mission_changes()  # one of its lists may have come as a file
             return [m.FileTransfer(*back, payload) for payload in answers]

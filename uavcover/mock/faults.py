@@ -146,7 +146,9 @@ def parse_fault(text: str) -> Fault:
     if written is None or written["name"] not in names:
         raise InputError(f"fault {text!r}: unknown name; use one of {', '.join(names)}")
     kind = FaultKind(written["name"])
-    trigger = _parse_trigger(text, written["moment"]) if written["moment"] else _default_trigger(kind)
+    trigger = FaultTrigger(Since.BOOT, 0.0) if kind in _FROM_THE_START else _DEFAULT_TRIGGER
+    if written["moment"]:
+        trigger = _parse_trigger(text, written["moment"])
     argument = ARGUMENTS.get(kind)
     if argument is None:
         if written["argument"] is not None:
@@ -155,10 +157,6 @@ def parse_fault(text: str) -> Fault:
     if argument.modes:
         return Fault(kind, trigger, mode=_parse_mode(text, written["argument"], argument))
     return Fault(kind, trigger, _parse_number(text, written["argument"], argument))
-
-
-def _default_trigger(kind: FaultKind) -> FaultTrigger:
-    return FaultTrigger(Since.BOOT, 0.0) if kind in _FROM_THE_START else _DEFAULT_TRIGGER
 
 
 def _parse_trigger(text: str, moment: str) -> FaultTrigger:

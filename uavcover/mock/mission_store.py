@@ -25,11 +25,10 @@ from mission_io.model.enums import AutopilotId, MissionResult
 from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
 from mission_io.model.places import EQUATOR_M_PER_DEG
 from mission_io.protocol.admission import list_is_whole, refusal_of
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import ListChanged, MissionServer, id_of_items
 from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
-from mission_io.wire.messages import TerrainData, TerrainReport, TerrainRequest
+from mission_io.wire.messages import Address, TerrainData, TerrainReport, TerrainRequest
 from mission_io.wire.mission_items import message_from_item
 from uavcover.mock.tuning import LINK
 
@@ -185,7 +184,7 @@ class MissionStore:
         message = received.message
         ardupilot = self._autopilot.mav_autopilot == AutopilotId.ARDUPILOT
         if flying and ardupilot and isinstance(message, m.MissionClearAll):
-            to = (received.system_id, received.component_id)
+            to = received.sender
             return [m.MissionAck(*to, MissionResult.ERROR, message.mission_type)]
         if self._stale_read_back:
             self._before = {mission_type: self._server.items(mission_type) for mission_type in MissionType}

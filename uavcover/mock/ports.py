@@ -10,9 +10,8 @@ from mission_io.clock import MonotonicClock
 from mission_io.errors import LinkError
 from mission_io.links.stream import FramedChannel
 from mission_io.links.tcp import TcpChannel
-from mission_io.protocol.exchange import Address
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import Message, TimeSync
+from mission_io.wire.messages import Address, Message, TimeSync
 from uavcover.errors import VehicleError
 from uavcover.mock.tuning import LINK
 from uavcover.mock.vehicle import MockVehicle
@@ -37,14 +36,14 @@ class Pacing(Generic[PlaceT]):
         self._read_s: dict[PlaceT, float] = {}
         self._waits_since: float | None = None
 
-    def question(self, vehicle_s: float, now: float) -> TimeSync | None:
-        """The request to send at a vehicle time, and at ``now`` on the link's clock; None when none is due."""
+    def questions(self, vehicle_s: float, now: float) -> list[TimeSync]:
+        """The request to send at a vehicle time, and at ``now`` on the link's clock; empty when none is due."""
         due = vehicle_s - self._asked_s >= LINK.ask_every_s
         again = self._waits_since is not None and now - self._asked_at >= LINK.ask_again_s
         if not (due or again):
-            return None
+            return []
         self._asked_s, self._asked_at = vehicle_s, now
-        return TimeSync(answered_ns=0, asked_ns=round(vehicle_s * 1e9))
+        return [TimeSync(answered_ns=0, asked_ns=round(vehicle_s * 1e9))]
 
     def take(self, place: PlaceT, answer: TimeSync) -> None:
         """Take a ground station's answer to a request of this vehicle; its own requests are ignored."""
@@ -111,7 +110,7 @@ class MockPeer(Generic[PlaceT]):
                 self._pacing.take(place, received.message)
             self._places.pop(place, None)
             self._places[place] = None
-            self._place_of[Address(received.system_id, received.component_id)] = place
+            self._place_of[received.sender] = place
             self.vehicle.receive(received, vehicle_now)
         while len(self._places) > LINK.most_places:
             oldest = next(iter(self._places))
@@ -125,12 +124,8 @@ class MockPeer(Generic[PlaceT]):
             self._pacing.forget()
         waiting: dict[PlaceT, list[bytes]] = {}
         messages = list(self.vehicle.outgoing())
-        if (
-            self._pacing is not None
-            and not cut_off
-            and (question := self._pacing.question(self._vehicle_s, now)) is not None
-        ):
-            messages.append(question)
+        if self._pacing is not None and not cut_off:
+            messages += self._pacing.questions(self._vehicle_s, now)
         for message in messages:
             places = self._places_for(message)
             if places:
@@ -222,21 +217,39 @@ class Port(Protocol):
         """Let go of the port."""
 
 
-class UdpPort:
-    """A UDP port.
+class _BoundPort:
+    """A socket that is bound. Raises VehicleError: it cannot be bound."""
 
-    Raises:
-        VehicleError: it cannot be bound.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        self._socket = _bound(socket.SOCK_DGRAM, host, port)
+    def __init__(self, kind: socket.SocketKind, host: str, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, kind)
+        tcp = kind is socket.SOCK_STREAM
+        if tcp:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((host, port))
+        except OSError as error:
+            self._socket.close()
+            raise VehicleError(
+                f"cannot listen on {'TCP' if tcp else 'UDP'} {host}:{port}: {error.strerror}; is the port taken?"
+            ) from None
+        self._socket.setblocking(False)
 
     @property
     def number(self) -> int:
         """The port that was bound."""
         number: int = self._socket.getsockname()[1]
         return number
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._socket.close()
+
+
+class UdpPort(_BoundPort):
+    """A UDP port. Raises VehicleError: it cannot be bound."""
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__(socket.SOCK_DGRAM, host, port)
 
     def wait(self, timeout_s: float) -> None:
         """Wait for a datagram, at most until the timeout."""
@@ -266,30 +279,16 @@ class UdpPort:
         except OSError as error:
             _log.debug("cannot send to %s:%d: %s", *place, error)
 
-    def close(self) -> None:
-        """Let go of the port."""
-        self._socket.close()
 
-
-class TcpPort:
-    """A TCP port with the connections that were made to it.
-
-    Raises:
-        VehicleError: it cannot be bound.
-    """
+class TcpPort(_BoundPort):
+    """A TCP port with the connections that were made to it. Raises VehicleError: it cannot be bound."""
 
     def __init__(self, host: str, port: int) -> None:
-        self._socket = _bound(socket.SOCK_STREAM, host, port)
+        super().__init__(socket.SOCK_STREAM, host, port)
         self._socket.listen(LINK.most_connections)
         self._clock = MonotonicClock()
         self._connections: dict[Place, FramedChannel] = {}
         self._newcomers: list[Place] = []
-
-    @property
-    def number(self) -> int:
-        """The port that was bound."""
-        number: int = self._socket.getsockname()[1]
-        return number
 
     def wait(self, timeout_s: float) -> None:
         """Wait for a connection or bytes, at most until the timeout."""
@@ -329,7 +328,7 @@ class TcpPort:
         for connection in self._connections.values():
             connection.channel.close()
         self._connections.clear()
-        self._socket.close()
+        super().close()
 
     def _accept(self) -> None:
         while len(self._connections) < LINK.most_connections:
@@ -344,17 +343,3 @@ class TcpPort:
     def _drop(self, place: Place, why: LinkError) -> None:
         _log.debug("%s", why)
         self._connections.pop(place).channel.close()
-
-
-def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
-    sock = socket.socket(socket.AF_INET, kind)
-    name = "TCP" if kind is socket.SOCK_STREAM else "UDP"
-    if kind is socket.SOCK_STREAM:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        sock.bind((host, port))
-    except OSError as error:
-        sock.close()
-        raise VehicleError(f"cannot listen on {name} {host}:{port}: {error.strerror}; is the port taken?") from None
-    sock.setblocking(False)
-    return sock

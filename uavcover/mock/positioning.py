@@ -10,11 +10,10 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
+from mission_io.links.base import Closing
 from uavcover.errors import InputError
 from uavcover.mock.dynamics import Airframe, PointMass, Vector
 from uavcover.mock.tuning import BODY
@@ -155,7 +154,7 @@ OnTruth = Callable[[TruthSample], None]
 """Called with each sample."""
 
 
-class TruthFile:
+class TruthFile(Closing):
     """Writes samples to a CSV file as they come; a context manager.
 
     Raises:
@@ -174,10 +173,6 @@ class TruthFile:
         """Write one sample."""
         self._rows.writerow([repr(value) for value in astuple(sample)])
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Close the file."""
         self._file.close()

@@ -154,13 +154,6 @@ class BackgroundMock(Closing):
         self._server.close()
 
 
-def start_in_background(
-    vehicle: MockVehicle, *, speed: float = 1.0, loss: float = 0.0, seed: int = 0
-) -> BackgroundMock:
-    """Start a mock vehicle in a thread; its ``port`` is to be spoken to on 127.0.0.1."""
-    return BackgroundMock(vehicle, speed=speed, loss=loss, seed=seed)
-
-
 class _MockLink(UdpLink):
     """A UDP link to a mock vehicle of its own, which ends with it."""
 
@@ -180,18 +173,15 @@ class _MockLink(UdpLink):
             self._background.close()
 
 
-def mock_endpoint(
-    make_vehicle: Callable[[], MockVehicle], *, speed: float = 1.0, loss: float = 0.0
-) -> Callable[[LinkUrl], Link]:
+def mock_endpoint(make_vehicle: Callable[[], MockVehicle], *, speed: float) -> Callable[[LinkUrl], Link]:
     """The opener of ``mock:`` for ``open_link``: each link starts its own vehicle, which ends with it.
 
     Args:
         make_vehicle: makes the vehicle, with the same ``speed``.
         speed: vehicle seconds per second.
-        loss: share of the datagrams that are lost, each way.
     """
 
     def open_mock(_: LinkUrl) -> Link:
-        return _MockLink.starting(start_in_background(make_vehicle(), speed=speed, loss=loss))
+        return _MockLink.starting(BackgroundMock(make_vehicle(), speed=speed))
 
     return open_mock

@@ -14,9 +14,9 @@ from mission_io.autopilots.autopilot import Autopilot, autopilot_for
 from mission_io.autopilots.flight_modes import Mode, custom_mode, has_mode, mode_from_custom
 from mission_io.model.enums import AutopilotId, MissionState, VehicleClass
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.ftp_server import FtpServer
 from mission_io.wire import messages as m
+from mission_io.wire.messages import Address
 from uavcover.mock.behaviour import Behaviour, GroundSource, Parameters, Settings, TransferClock, quick
 from uavcover.mock.body import Ground, MockBody
 from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel, course_rad

@@ -146,10 +146,6 @@ def _terrain(vehicle: MockState) -> m.Message | None:
     return vehicle.terrain.report(here.lat_deg, here.lon_deg, here.alt_amsl_m)
 
 
-def _terrain_request(vehicle: MockState) -> m.Message | None:
-    return None if vehicle.terrain is None else vehicle.terrain.request(vehicle.time_s)
-
-
 def _home(vehicle: MockState) -> m.Message | None:
     home = vehicle.body.home
     return m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m) if vehicle.home_known else None
@@ -193,7 +189,7 @@ _BUILDERS: dict[type[m.Message], Callable[[MockState], m.Message | None]] = {
     m.BatteryStatus: _battery,
     m.VfrHud: _display,
     m.TerrainReport: _terrain,
-    m.TerrainRequest: _terrain_request,
+    m.TerrainRequest: lambda vehicle: None if vehicle.terrain is None else vehicle.terrain.request(vehicle.time_s),
 }
 
 KIND_BY_ID: dict[int, type[m.Message]] = {message_id(kind): kind for kind in _BUILDERS}

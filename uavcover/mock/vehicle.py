@@ -63,20 +63,8 @@ def _drain_battery(control: FlightControl, fault: Fault) -> None:
     control.fail_safe("Battery", mode)
 
 
-def _change_mode(control: FlightControl, fault: Fault) -> None:
-    control.set_mode(fault.mode or Mode.HOLD)
-
-
-def _reboot(control: FlightControl, fault: Fault) -> None:
-    control.power_off(fault.number)
-
-
 def _get_stuck(control: FlightControl, _: Fault) -> None:
     control.state.body.itinerary.stuck = True
-
-
-def _come_loose(control: FlightControl) -> None:
-    control.state.body.itinerary.come_loose()
 
 
 def _blow(control: FlightControl, fault: Fault) -> None:
@@ -121,11 +109,6 @@ def _upload(control: FlightControl, items: tuple[MissionItem, ...]) -> None:
     control.mission_changed()
 
 
-def _force_disarm(control: FlightControl, _: Fault) -> None:
-    """Another station forces a disarm (COMPONENT_ARM_DISARM with param2 21196)."""
-    control.disarm(force=True)
-
-
 def _fail_motors(control: FlightControl, _: Fault) -> None:
     """Motors give no thrust; the autopilot notices nothing but what it is commanded in vain."""
     control.state.body.motors_failed = control.state.flying
@@ -143,11 +126,6 @@ def _end_glitch(control: FlightControl) -> None:
     control.state.body.believed.glitch_m = 0.0
     if control.state.is_ardupilot:
         control.state.say(Severity.CRITICAL, "Glitch cleared")
-
-
-def _change_speed(control: FlightControl, fault: Fault) -> None:
-    """Another station commands another speed (DO_CHANGE_SPEED)."""
-    control.set_speeds(replace(control.state.speeds, cruise_m_s=fault.number))
 
 
 def _set_item_back(control: FlightControl, _: Fault) -> None:
@@ -171,19 +149,23 @@ def _hush_camera(control: FlightControl, _: Fault) -> None:
     control.state.camera.reports = False
 
 
-_BEGIN: dict[FaultKind, Callable[[FlightControl, Fault], None]] = {
+_BEGIN: dict[FaultKind, Callable[[FlightControl, Fault], object]] = {
     FaultKind.GPS_LOSS: _lose_fix,
     FaultKind.BATTERY_FAILSAFE: _drain_battery,
-    FaultKind.PILOT_MODE: _change_mode,
-    FaultKind.REBOOT: _reboot,
+    FaultKind.PILOT_MODE: lambda control, fault: control.set_mode(fault.mode or Mode.HOLD),
+    FaultKind.REBOOT: lambda control, fault: control.power_off(fault.number),
     FaultKind.STUCK: _get_stuck,
     FaultKind.STRONG_WIND: _blow,
     FaultKind.MISSION_CHANGED: _change_mission,
     FaultKind.MISSION_LOWERED: _lower_mission,
-    FaultKind.FORCE_DISARM: _force_disarm,
+    # Another station forces a disarm (COMPONENT_ARM_DISARM with param2 21196).
+    FaultKind.FORCE_DISARM: lambda control, _: control.disarm(force=True),
     FaultKind.MOTOR_FAILURE: _fail_motors,
     FaultKind.GPS_GLITCH: _glitch,
-    FaultKind.SPEED_CHANGED: _change_speed,
+    # Another station commands another speed (DO_CHANGE_SPEED).
+    FaultKind.SPEED_CHANGED: lambda control, fault: control.set_speeds(
+        replace(control.state.speeds, cruise_m_s=fault.number)
+    ),
     FaultKind.ITEM_SET_BACK: _set_item_back,
     FaultKind.CAMERA_STOPS: _stop_camera,
     FaultKind.CAMERA_SKIPS: _skip_photos,
@@ -193,7 +175,7 @@ _BEGIN: dict[FaultKind, Callable[[FlightControl, Fault], None]] = {
 
 _END: dict[FaultKind, Callable[[FlightControl], None]] = {
     FaultKind.GPS_LOSS: _find_fix,
-    FaultKind.STUCK: _come_loose,
+    FaultKind.STUCK: lambda control: control.state.body.itinerary.come_loose(),
     FaultKind.GPS_GLITCH: _end_glitch,
 }
 

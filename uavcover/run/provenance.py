@@ -238,7 +238,7 @@ def note_flying(run: RunFolder) -> None:
     Raises:
         InputError, OutputError: ``run.json`` cannot be read or written.
     """
-    _note(run, {"ending": FLYING, _PROCESS: _own_process()})
+    _note(run, {"ending": FLYING, _PROCESS: process_of(os.getpid())})
 
 
 def note_interrupted(run: RunFolder) -> None:
@@ -254,7 +254,7 @@ def settled_ending(run: RunFolder) -> str | None:
     flight = _read(run)
     if flight is None:
         return None
-    if flight.get("ending") == FLYING and not _is_there(flight.get(_PROCESS)):
+    if flight.get("ending") == FLYING and not is_running(flight.get(_PROCESS)):
         with contextlib.suppress(InputError, OutputError):  # a folder that may only be read is looked at, too
             note_interrupted(run)
         return INTERRUPTED
@@ -279,12 +279,13 @@ def _with_flight(document: Mapping[str, Any], flight: dict[str, Any] | None) -> 
     return others if flight is None else {**others, _KEY: flight}
 
 
-def _own_process() -> dict[str, Any]:
-    return {"pid": os.getpid(), "started": _started(os.getpid()), "boot_id": _boot_id()}
+def process_of(pid: int) -> dict[str, Any]:
+    """A running process, as distinct from a later one with its number."""
+    return {"pid": pid, "started": _started(pid), "boot_id": _boot_id()}
 
 
-def _is_there(process: object) -> bool:
-    """Whether the process that follows a flight runs; a newer one with its number does not count."""
+def is_running(process: object) -> bool:
+    """Whether a process of :func:`process_of` still runs; a newer one with its number does not count."""
     if not isinstance(process, dict) or not isinstance(pid := process.get("pid"), int) or pid <= 0:
         return False
     if process.get("boot_id") != _boot_id():

@@ -21,6 +21,7 @@ import numpy as np
 from mission_io.errors import FormatError
 from mission_io.formats.dialects import sniff
 from mission_io.formats.text import clean_text
+from mission_io.links.base import Closing
 from uavcover.errors import OutputError, TrackError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import is_flight_time
@@ -100,7 +101,7 @@ class SpaceReserve:
 _WAYPOINT = COLUMNS.index("current_waypoint")
 
 
-class TrackWriter:
+class TrackWriter(Closing):
     """Writes samples as they come; each row is in the file as soon as it is given. A context manager.
 
     Args:
@@ -147,12 +148,6 @@ class TrackWriter:
             self._file.close()
         except OSError as error:
             raise self._failed(error) from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _write(self, line: str) -> None:
         rest = (line + "\n").encode("ascii")
@@ -321,10 +316,11 @@ def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str
             raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a position on Earth")
         if not values[_WAYPOINT].is_integer():
             raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is not a whole number")
-        pictures = dict(zip(places, values, strict=True)).get(PICTURES_COLUMN, 0.0)
+        named = dict(zip(places, values, strict=True))
+        pictures = named.get(PICTURES_COLUMN, 0.0)
         if not (math.isnan(pictures) or (pictures >= 0.0 and pictures.is_integer())):
             raise TrackError(f"{path}: line {line}, {PICTURES_COLUMN}: {pictures!r} is not a number of photos")
-        unix_s = dict(zip(places, values, strict=True)).get(UNIX_TIME_COLUMN, math.nan)
+        unix_s = named.get(UNIX_TIME_COLUMN, math.nan)
         if not (math.isnan(unix_s) or is_flight_time(unix_s)):
             raise TrackError(f"{path}: line {line}, {UNIX_TIME_COLUMN}: {unix_s!r} is not a time since 1970")
         before_s = time_s

@@ -4,13 +4,12 @@ import base64
 import io
 import json
 import os
+import select
 import shutil
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -29,49 +28,49 @@ from uavcover.extras.app.live import LiveFlight, Observed
 from uavcover.extras.app.scene import Scenes
 from uavcover.extras.app.server import Server
 from uavcover.extras.app.workspace import Workspace
+from uavcover.run.provenance import process_of
 
 
-def until(found: Callable[[], object], limit_s: float = WATCHDOG_S) -> None:
-    """Wait for another process, under a watchdog."""
-    end_s = time.monotonic() + limit_s
-    while not found():
-        assert time.monotonic() < end_s, "the watchdog"
-        time.sleep(0.02)
+def wait_for_end(job: Job) -> None:
+    """Wait for the end of a job's process, under a watchdog."""
+    with suppress(ProcessLookupError), open(os.pidfd_open(job._process()["pid"]), "rb", buffering=0) as process:
+        assert select.select([process], [], [], WATCHDOG_S)[0], "the watchdog"
 
 
 @pytest.fixture
 def sleeper(tmp_path: Path) -> Jobs:
-    """Jobs whose process writes an event and waits for a signal."""
+    """Jobs whose process has written two events and waits for signals: one to pause, and one to end."""
     program = tmp_path / "program.py"
     program.write_text(
         "import signal, sys, pathlib\n"
         "from uavcover.extras.app.jobs import detach\n"
         "folder = pathlib.Path(sys.argv[-1])\n"
-        "def end(*_):\n    (folder / 'code').write_text('130')\n    sys.exit(130)\n"
-        "signal.signal(signal.SIGINT, end)\n"
-        'signal.signal(signal.SIGUSR1, lambda *_: print(\'{"say": "paused"}\', file=sys.stderr, flush=True))\n'
-        "detach(folder)\n"
+        "awaited = signal.SIGINT, signal.SIGUSR1, signal.SIGTERM\n"
+        "signal.pthread_sigmask(signal.SIG_BLOCK, awaited)\n"
         'print(\'{"say": "begun"}\', file=sys.stderr, flush=True)\n'
         "print('not json', file=sys.stderr, flush=True)\n"
-        "while True:\n    signal.pause()\n"
+        "detach(folder)\n"
+        "while signal.sigwait(awaited) == signal.SIGUSR1:\n"
+        '    print(\'{"say": "paused"}\', file=sys.stderr, flush=True)\n'
+        "(folder / 'code').write_text('130')\n"
     )
     return Jobs(tmp_path, program=(sys.executable, str(program)))
 
 
 def test_a_job_is_found_by_the_next_server_and_stopped(sleeper: Jobs, tmp_path: Path) -> None:
     job = sleeper.start("plan", ["plan", "x"], run="run")
-    until(lambda: len(job.events()[0]) == 2)
     assert job.events()[0] == [{"say": "begun"}, {"say": "not json"}]
     (again,) = Jobs(tmp_path).all()
     assert again == job
     assert again.code is None
     assert again.document()["command"] == ["uavcover", "plan", "x", "--json", "--events"]
     assert again.signal(signal.SIGUSR1)
-    until(lambda: {"say": "paused"} in again.events()[0])
     with pytest.raises(InputError, match="another command uses this run folder"):
         Jobs(tmp_path).start("verify", ["verify", "run"], run="run")
-    assert again.signal(signal.SIGINT)
-    until(lambda: again.code == 130)
+    assert again.signal(signal.SIGTERM)  # of two signals that wait, the lower number is taken first
+    wait_for_end(job)
+    assert again.code == 130
+    assert again.events()[0][2:] == [{"say": "paused"}]
     assert not again.signal(signal.SIGINT)
 
 
@@ -94,15 +93,14 @@ def test_events_are_read_from_where_one_was_and_only_whole_ones(tmp_path: Path) 
 
 def test_a_process_that_was_killed_is_no_job_that_runs(sleeper: Jobs) -> None:
     job = sleeper.start("plan", ["plan", "x"])
-    until(lambda: job.events()[0])
-    os.kill(job._process()[0], signal.SIGKILL)
-    until(lambda: sleeper.all()[0].code is not None)
+    os.kill(job._process()["pid"], signal.SIGKILL)
+    wait_for_end(job)
     assert job.code == -1
 
 
 def test_a_number_that_was_given_again_is_another_process(tmp_path: Path) -> None:
     job = Job(tmp_path, "plan", (), "")
-    (tmp_path / "process.json").write_text(json.dumps({"pid": os.getpid(), "began": "0"}))
+    (tmp_path / "process.json").write_text(json.dumps(process_of(os.getpid()) | {"started": 0}))
     assert job.code == -1
     assert not job.signal(signal.SIGINT)
 
@@ -112,9 +110,8 @@ def test_ended_jobs_are_forgotten_the_oldest_first(monkeypatch: pytest.MonkeyPat
     started = []
     for _ in range(4):
         job = sleeper.start("plan", ["plan", "x"])
-        until(lambda: job.events()[0])  # noqa: B023
         job.signal(signal.SIGINT)
-        until(lambda: job.code == 130)  # noqa: B023
+        wait_for_end(job)
         started.append(job.id)
     sleeper.start("plan", ["plan", "x"]).signal(signal.SIGKILL)
     assert {job.id for job in sleeper.all()} & set(started) == {started[3]}
@@ -135,7 +132,7 @@ def test_a_job_that_is_none(tmp_path: Path, name: str) -> None:
 
 def test_a_whole_command(served: Client) -> None:
     begun = served.post("/api/jobs", {"kind": "plan", "scenario": "valley.toml", "evaluations": 60, "seed": 3})
-    until(lambda: served.get(f"/api/jobs/{begun['id']}")["code"] is not None)
+    wait_for_end(served.server.jobs.get(begun["id"]))
     job = served.get(f"/api/jobs/{begun['id']}")
     assert job["code"] == 0, served.server.jobs.get(begun["id"]).events()
     assert job["result"]["run"] == "valley"
@@ -158,7 +155,7 @@ def test_a_whole_command(served: Client) -> None:
 
 def edit(served: Client, waypoints: list[list[float]], *, code: int) -> None:
     begun = served.post("/api/route/save", {"run": "valley", "waypoints": waypoints})
-    until(lambda: served.get(f"/api/jobs/{begun['id']}")["code"] is not None)
+    wait_for_end(served.server.jobs.get(begun["id"]))
     job = served.get(f"/api/jobs/{begun['id']}")
     assert job["code"] == code, served.server.jobs.get(begun["id"]).events()
 
@@ -270,11 +267,14 @@ def test_a_server_that_is_killed_takes_no_command_with_it(tmp_path: Path, planne
         ]
         begun = client.post("/api/jobs", {"kind": kind, **asked})
         job = client.server.jobs.get(begun["id"])
-        until(lambda: any("progress" in event for event in job.events()[0]))
+        with subprocess.Popen(["tail", "-f", "-n", "+1", job.folder / "events"], stdout=subprocess.PIPE) as tail:
+            assert tail.stdout is not None
+            assert any(b'"progress"' in line for line in tail.stdout)
+            tail.kill()
         server.kill()
         server.wait(WATCHDOG_S)
     assert job.code is None
-    until(lambda: job.code is not None)
+    wait_for_end(job)
     for again in serving(root):
         found = again.get(f"/api/jobs/{job.id}")
         assert found["code"] == 0, job.events()

@@ -1,5 +1,7 @@
 """Who may start, who holds its place and who may fly home, on paths that are easy to see through."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -64,21 +66,27 @@ def test_a_start_waits_for_where_the_other_really_is() -> None:
     assert flights.late_s("a") == pytest.approx(39.0, abs=1.0)
 
 
+def begin_of_the_second(aloft_s_at: Callable[[float], float]) -> int:
+    """When the second of two flights begins, by how far along its line the first one is at each time."""
+    line = out_and_back(0.0)
+    flights = traffic(a=(line, 0.0), b=(out_and_back(150.0), 42.0))
+    assert flights.start("a", 0.0)
+    for now in range(1, 400):
+        aloft_s = min(aloft_s_at(now), line.duration_s)
+        flights.moved("a", float(now), line.places_m(np.array([aloft_s]))[0])
+        if aloft_s >= line.duration_s and flights.phase("a") is FleetPhase.FLYING:
+            flights.landed("a", float(now))
+        if flights.start("b", float(now)):
+            return now
+    pytest.fail("it never begins")
+
+
 def test_a_start_waits_for_one_that_gets_later_all_the_way() -> None:
     """The first one flies at half its speed; the second one, on another line, is to come home behind it."""
     line, short = out_and_back(0.0), out_and_back(150.0)
     began = {}
     for pace in (1.0, 0.5):
-        flights = traffic(a=(line, 0.0), b=(short, 42.0))
-        assert flights.start("a", 0.0)
-        for now in range(1, 400):
-            aloft_s = min(pace * now, line.duration_s)
-            flights.moved("a", float(now), line.places_m(np.array([aloft_s]))[0])
-            if aloft_s >= line.duration_s and flights.phase("a") is FleetPhase.FLYING:
-                flights.landed("a", float(now))
-            if flights.start("b", float(now)):
-                began[pace] = now
-                break
+        began[pace] = begin_of_the_second(lambda now: pace * now)  # noqa: B023
         # Seen along its line at that pace, the first one is out of the way of the whole flight of the second one.
         times = np.arange(0.0, short.duration_s, 0.5)
         first = line.places_m(np.minimum(pace * (began[pace] + times), line.duration_s))
@@ -90,20 +98,8 @@ def test_a_start_waits_for_one_that_gets_later_all_the_way() -> None:
 
 def test_a_delay_on_the_ground_is_not_taken_for_wind() -> None:
     """The first one stands armed for a while and then flies as planned: the second one is apart from it at its time."""
-    line, short = out_and_back(0.0), out_and_back(150.0)
-    began = {}
-    for stood_s in (0.0, 20.0):
-        flights = traffic(a=(line, 0.0), b=(short, 42.0))
-        assert flights.start("a", 0.0)
-        for now in range(1, 400):
-            aloft_s = min(max(now - stood_s, 0.0), line.duration_s)
-            flights.moved("a", float(now), line.places_m(np.array([aloft_s]))[0])
-            if aloft_s >= line.duration_s and flights.phase("a") is FleetPhase.FLYING:
-                flights.landed("a", float(now))
-            if flights.start("b", float(now)):
-                began[stood_s] = now
-                break
-    assert began == {0.0: 42, 20.0: 42}
+    assert begin_of_the_second(lambda now: now) == 42
+    assert begin_of_the_second(lambda now: max(now - 20.0, 0.0)) == 42
 
 
 def test_who_comes_to_the_pad_holds_until_it_is_free() -> None:

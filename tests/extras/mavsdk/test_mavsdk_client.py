@@ -1,7 +1,6 @@
 """MAVSDK as a second client, against our mock vehicle over UDP; the wall clock is MAVSDK's, a watchdog ends what hangs."""
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -35,7 +34,7 @@ from uavcover.flight.modes import Mode
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.mock.dynamics import BatteryData
-from uavcover.mock.server import MockServer
+from uavcover.mock.server import BackgroundMock
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 client_module = pytest.importorskip("uavcover.extras.mavsdk.client", reason="MAVSDK is not installed")
@@ -46,21 +45,31 @@ CORNERS = tuple(LatLon(36.51 + i * i * 0.01, -84.22 + i * 0.01) for i in range(4
 FENCE = Fence((FencePolygon(CORNERS),), (FenceCircle(LatLon(36.52, -84.21), 123.0, inclusion=False),))
 
 
+class WatchedVehicle(MockVehicle):
+    """A mock vehicle that another thread can wait for."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._advanced = threading.Condition()
+
+    def advance(self, now: float) -> None:
+        with self._advanced:
+            super().advance(now)
+            self._advanced.notify_all()
+
+    def wait_until(self, done: Callable[[], bool]) -> None:
+        """Wait under a watchdog, by the wall clock."""
+        with self._advanced:
+            assert self._advanced.wait_for(done, 60.0), "the watchdog"
+
+
 @contextmanager
-def served(autopilot: Autopilot, *, speed: float = 20.0) -> Iterator[tuple[MockVehicle, int]]:
+def served(autopilot: Autopilot, *, speed: float = 20.0) -> Iterator[tuple[WatchedVehicle, int]]:
     """A mock vehicle on a port of its own, in a thread."""
-    vehicle = MockVehicle(
-        autopilot, HOME, MockConfig(speed=speed, battery=BatteryData(endurance_s=1500.0)), rng=np.random.default_rng(1)
-    )
-    server, stop = MockServer(vehicle, speed=speed), threading.Event()
-    thread = threading.Thread(target=server.serve, args=(stop.is_set,))
-    thread.start()
-    try:
-        yield vehicle, server.port
-    finally:
-        stop.set()
-        thread.join()
-        server.close()
+    config = MockConfig(speed=speed, battery=BatteryData(endurance_s=1500.0))
+    vehicle = WatchedVehicle(autopilot, HOME, config, rng=np.random.default_rng(1))
+    with BackgroundMock(vehicle, speed=speed) as mock:
+        yield vehicle, mock.port
 
 
 @contextmanager
@@ -228,11 +237,11 @@ def foreign_client(port: int) -> Iterator[tuple[Any, Any]]:
 def test_mavsdks_own_start_takes_off(autopilot):
     """``arm`` and ``start_mission`` of MAVSDK, as both simulators take them."""
     with served(autopilot) as (vehicle, port), foreign_client(port) as (action, raw):
-        wait_until(lambda: vehicle.ready)
+        vehicle.wait_until(lambda: vehicle.ready)
         raw.upload_mission(raw_items(wire_items(mission(), autopilot), MissionType.MISSION))
         action.arm()
         raw.start_mission()
-        wait_until(lambda: vehicle.flying and vehicle.mode is Mode.MISSION)
+        vehicle.wait_until(lambda: vehicle.flying and vehicle.mode is Mode.MISSION)
 
 
 def test_mavsdks_start_before_arming_is_what_arducopter_makes_of_it():
@@ -240,20 +249,12 @@ def test_mavsdks_start_before_arming_is_what_arducopter_makes_of_it():
     from mavsdk.plugins.action import ActionError
 
     with served(ARDUPILOT) as (vehicle, port), foreign_client(port) as (action, raw):
-        wait_until(lambda: vehicle.ready)
+        vehicle.wait_until(lambda: vehicle.ready)
         raw.upload_mission(raw_items(wire_items(mission(), ARDUPILOT), MissionType.MISSION))
         raw.start_mission()
         assert vehicle.mode is Mode.MISSION
         heard_s = vehicle.time_s + 3.0
-        wait_until(lambda: vehicle.time_s > heard_s)  # MAVSDK knows the mode by heartbeats
+        vehicle.wait_until(lambda: vehicle.time_s > heard_s)  # MAVSDK knows the mode by heartbeats
         with pytest.raises(ActionError):
             action.arm()
         assert not vehicle.armed
-
-
-def wait_until(done: Callable[[], bool]) -> None:
-    """Another process's threads do it: by the wall clock, under a watchdog."""
-    deadline = time.monotonic() + 60.0
-    while not done():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)

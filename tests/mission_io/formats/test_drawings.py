@@ -11,6 +11,7 @@ from shapely.geometry import mapping
 from mission_io.errors import FormatError
 from mission_io.formats import geojson, kml, poly
 from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, Spot, fence_from_areas
+from mission_io.formats.text import MissionFile
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
 
 RING = (LatLon(33.1, -98.2), LatLon(33.3, -98.25), LatLon(33.35, -98.05), LatLon(33.12, -98.04))
@@ -201,7 +202,7 @@ FENCE = Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 0.0))
 
 def test_poly_and_fen_files_survive_a_round_trip() -> None:
     assert poly.read_area(poly.write_area(DrawnArea(RING))) == poly.PolyFile(DrawnArea(RING), ())
-    assert poly.read_fence(poly.write_fence(FENCE)) == poly.FenFile(FENCE, ())
+    assert poly.read_fence(poly.write_fence(FENCE)) == MissionFile(fence=FENCE)
     lines = poly.write_area(DrawnArea(RING)).splitlines()
     assert lines[0].startswith("#")
     assert lines[1] == lines[-1] == "33.10000000 -98.20000000"

@@ -15,7 +15,7 @@ from mission_io.formats import plan, poly, wpl
 from mission_io.formats.drawings import DrawnArea
 from mission_io.links.opening import UdpLink
 from mission_io.model.areas import Fence, FramedPoint, items_from_fence, items_from_rally
-from mission_io.model.items import Frame, MissionItem
+from mission_io.model.items import Frame, GeoPoint, MissionItem
 from mission_io.wire.mission_items import float32
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 from tests.mission_io.real_vehicle import flying_on
@@ -44,28 +44,17 @@ def mavlink_2(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("mavlink_2")
-def test_pymavlinks_fence_and_rally_loaders_read_our_waypoints(tmp_path: Path) -> None:
-    path = tmp_path / "list.waypoints"
-    for loader, text, items in (
-        (mavwp.MissionItemProtocol_Fence(), wpl.write_fence(FENCE, HOME), items_from_fence(FENCE)),
-        (mavwp.MissionItemProtocol_Rally(), wpl.write_rally(RALLY, HOME), items_from_rally(RALLY)),
-    ):
-        path.write_text(text, newline="")
-        assert loader.load(str(path)) == len(items) + 1
-        assert [of_mavwp(loader.wp(number)) for number in range(1, len(items) + 1)] == list(items)
-
-
-@pytest.mark.usefixtures("mavlink_2")
-def test_without_home_pymavlinks_loaders_have_the_items_and_no_more(tmp_path: Path) -> None:
+@pytest.mark.parametrize("home", [HOME, None], ids=["home", "no home"])
+def test_pymavlinks_fence_and_rally_loaders_read_our_waypoints(tmp_path: Path, home: GeoPoint | None) -> None:
     """MAVProxy sends every row that these loaders read, so that home would become an item of the fence."""
-    path = tmp_path / "list.waypoints"
+    path, rows_of_home = tmp_path / "list.waypoints", 0 if home is None else 1
     for loader, text, items in (
-        (mavwp.MissionItemProtocol_Fence(), wpl.write_fence(FENCE, None), items_from_fence(FENCE)),
-        (mavwp.MissionItemProtocol_Rally(), wpl.write_rally(RALLY, None), items_from_rally(RALLY)),
+        (mavwp.MissionItemProtocol_Fence(), wpl.write_fence(FENCE, home), items_from_fence(FENCE)),
+        (mavwp.MissionItemProtocol_Rally(), wpl.write_rally(RALLY, home), items_from_rally(RALLY)),
     ):
         path.write_text(text, newline="")
-        assert loader.load(str(path)) == len(items)
-        assert [of_mavwp(loader.wp(number)) for number in range(len(items))] == list(items)
+        assert loader.load(str(path)) == len(items) + rows_of_home
+        assert [of_mavwp(loader.wp(row + rows_of_home)) for row in range(len(items))] == list(items)
 
 
 def test_what_pymavlink_writes_is_read_to_its_six_decimals(tmp_path: Path) -> None:

@@ -8,19 +8,20 @@ import pytest
 from mission_io.errors import LinkError
 from mission_io.links.opening import StreamLink
 from mission_io.links.simulated import ManualClock
-from mission_io.links.stream import QUIET_S, SEND_BUFFER_BYTES, ChannelLink, FramedChannel
+from mission_io.links.stream import QUIET_S, SEND_BUFFER_BYTES, ChannelLink, FramedChannel, OpenChannel
 from mission_io.wire.codec import Codec
 from mission_io.wire.framing import FramingCounts
 from mission_io.wire.messages import StatusText
 from tests.mission_io.links.streams import PATIENCE_S, frames, received
 
 
-class PipeChannel:
+class PipeChannel(OpenChannel):
     """A pipe to read from; what is written is taken ``room`` bytes at a time."""
 
-    name = "pipe"
+    end = "the pipe has gone"
 
     def __init__(self) -> None:
+        super().__init__("pipe")
         self.reading, self.writing = os.pipe()
         os.set_blocking(self.reading, False)
         self.written = bytearray()
@@ -29,16 +30,10 @@ class PipeChannel:
     def fileno(self) -> int:
         return self.reading
 
-    def read(self, size: int) -> bytes:
-        try:
-            data = os.read(self.reading, size)
-        except BlockingIOError:
-            return b""
-        if not data:
-            raise LinkError("the pipe has gone")
-        return data
+    def receive(self, size: int) -> bytes:
+        return os.read(self.reading, size)
 
-    def write(self, data: bytes) -> int:
+    def send(self, data: bytes) -> int:
         taken = min(len(data), self.room)
         self.written += data[:taken]
         self.room -= taken

@@ -9,10 +9,10 @@ import math
 import random
 
 from mission_io.links.simulated import Conditions, SimulatedLink
-from mission_io.protocol.ftp import DATA_BYTES
-from mission_io.protocol.ftp_download import FtpDownload, FtpDownloadState
+from mission_io.protocol.ftp import DATA_BYTES, FtpState
+from mission_io.protocol.ftp_download import FtpDownload
 from mission_io.protocol.ftp_server import FtpServer
-from mission_io.protocol.ftp_upload import FtpUpload, FtpUploadState
+from mission_io.protocol.ftp_upload import FtpUpload
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import FileTransfer
 
@@ -30,17 +30,15 @@ class _Vehicle:
         self._codec = Codec(system_id=1, component_id=1)
         self._out: list[bytes] = []
 
-    def receive_datagram(self, data: bytes, now: float) -> None:
+    def receive_datagram(self, data: bytes, *_: object) -> None:
         """Answer what arrives."""
-        del now
         for received in self._codec.decode(data):
             if isinstance(received.message, FileTransfer):
                 for payload in self.server.answer(received.message.payload):
                     self._out.append(self._codec.encode(FileTransfer(255, 190, payload)))
 
-    def datagrams_to_send(self, now: float) -> list[bytes]:
+    def datagrams_to_send(self, *_: object) -> list[bytes]:
         """The answers."""
-        del now
         out, self._out = self._out, []
         self.sent += sum(map(len, out))
         return out
@@ -59,7 +57,7 @@ def upload_s(content: bytes, *, loss: float, window: int, bytes_per_s: float, se
     vehicle, link = _vehicle_and_link(loss=loss, bytes_per_s=bytes_per_s, seed=seed)
     upload = FtpUpload(_PATH, content, now=link.clock.now(), window=window)
     sent = _carry(upload, link)
-    if upload.state is not FtpUploadState.DONE or vehicle.server.files[upload.path] != content:
+    if upload.state is not FtpState.DONE or vehicle.server.files[upload.path] != content:
         raise SystemExit(f"failed: {upload.state.value} {upload.why}")
     return link.clock.now(), sent
 
@@ -74,7 +72,7 @@ def download_s(content: bytes, *, loss: float, window: int, bytes_per_s: float, 
     vehicle.server.files[_PATH] = bytearray(content)
     download = FtpDownload(_PATH, now=link.clock.now(), window=window)
     _carry(download, link)
-    if download.state is not FtpDownloadState.DONE or download.content != content:
+    if download.state is not FtpState.DONE or download.content != content:
         raise SystemExit(f"failed: {download.state.value} {download.why}")
     return link.clock.now(), vehicle.sent
 

@@ -40,6 +40,10 @@ class Trick:
     def __init__(self, rng: random.Random, mission_type: MissionType) -> None:
         self.rng, self.mission_type = rng, mission_type
         self.now = 0.0
+        self.draw()
+
+    def draw(self) -> None:
+        """Draw what it does."""
 
     def hears(self, message: m.Message) -> Iterable[m.Message] | None:
         """What the vehicle says instead of letting its server answer; None lets it."""
@@ -63,8 +67,7 @@ class Trick:
 class WrongCount(Trick):
     """Names another number of items than it has, always the same."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.by = self.rng.choice([-2, -1, 1, 2, 500, 65535])
 
     def says(self, message: m.Message) -> Iterable[m.Message]:
@@ -76,8 +79,7 @@ class WrongCount(Trick):
 class ChangingCount(Trick):
     """Names another number each time, or two at once."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.twice = self.rng.random() < 0.5
 
     def says(self, message: m.Message) -> Iterable[m.Message]:
@@ -97,8 +99,7 @@ class CountAfterItems(Trick):
 class ErrorAtItem(Trick):
     """Has an error in place of one item, for ever or some times; and for one item that it is sent."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.seq, self.result = self.rng.randrange(10), self.rng.choice(_RESULTS)
         self.left = self.rng.choice([2, 10_000_000])
 
@@ -112,8 +113,7 @@ class ErrorAtItem(Trick):
 class EndlessRequests(Trick):
     """Asks for the same items over and over, one after the other, whatever it is told."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.loop = itertools.cycle(self.rng.sample(range(12), self.rng.choice([1, 2, 3, 7])))
 
     def hears(self, message: m.Message) -> Iterable[m.Message] | None:
@@ -155,8 +155,7 @@ class Flood(Trick):
 class Silence(Trick):
     """Says nothing after some messages: for good, for a while, or from the beginning."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.after, self.lasts_s = self.rng.choice([0, 1, 2, 5, 9]), self.rng.choice([4.0, 12.0, 30.0, math.inf])
         self.until = -math.inf
 
@@ -189,8 +188,7 @@ class BadNumbers(Trick):
 class ForeignTypes(Trick):
     """Speaks of another list than it was asked for, always or now and then."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.share = self.rng.choice([0.3, 1.0])
 
     def says(self, message: m.Message) -> Iterable[m.Message]:
@@ -202,8 +200,7 @@ class ForeignTypes(Trick):
 class Shuffled(Trick):
     """Items again, in another order, out of range, of the float kind."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.kept: list[m.Message] = []
 
     def says(self, message: m.Message) -> Iterable[m.Message]:
@@ -224,8 +221,7 @@ class StrayAcks(Trick):
 class OnlyAcks(Trick):
     """Answers all that it is told with one acknowledgement, always the same kind."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.result = self.rng.choice(_RESULTS)
 
     def hears(self, message: m.Message) -> Iterable[m.Message] | None:
@@ -235,8 +231,7 @@ class OnlyAcks(Trick):
 class EarlyAck(Trick):
     """Says ACCEPTED when it has only some of the items."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.seq = self.rng.randrange(4)
 
     def hears(self, message: m.Message) -> Iterable[m.Message] | None:
@@ -247,8 +242,7 @@ class EarlyAck(Trick):
 class SaysClearedAndIsNot(Trick):
     """Acknowledges that it emptied a list, or says anything else, and does nothing."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.result = self.rng.choice([0, 0, *_RESULTS])
 
     def hears(self, message: m.Message) -> Iterable[m.Message] | None:
@@ -269,8 +263,7 @@ class SameItemForEver(Trick):
 class BreaksOffAndServes(Trick):
     """Serves so many items, then an error; the next time one more or one fewer."""
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
+    def draw(self) -> None:
         self.served, self.room = 0, 1
 
     def hears(self, message: m.Message) -> Iterable[m.Message] | None:

@@ -1,14 +1,23 @@
 """Slow links, garbage, other traffic, vehicles that fall silent or restart in the middle of a transfer; from both sides."""
 
 import random
+from collections.abc import Iterable
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, home_item
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import GeoPoint, Mission, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import Heartbeat, MissionAck, MissionCount, MissionItemInt, MissionRequestInt, Received
+from mission_io.wire.messages import (
+    Address,
+    Heartbeat,
+    Message,
+    MissionAck,
+    MissionCount,
+    MissionItemInt,
+    MissionRequestInt,
+    Received,
+)
 from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.scripts import items, text
 from tests.mission_io.protocol.two_sides import BOTH, held, losing, untested, vehicle, vehicle_script
@@ -33,13 +42,13 @@ def test_client_slow_but_progressing() -> None:
     class Slow(VehiclePeer):
         free_at = 0.0
 
-        def receive_datagram(self, data: bytes, now: float) -> None:
-            for received in self.codec.decode(data):
-                if not isinstance(received.message, MissionItemInt):
-                    self.server.receive(received, now)
-                elif now >= self.free_at:
-                    self.free_at = now + 2.0
-                    self.server.receive(received, now)
+        def instead(self, message: Message, now: float) -> Iterable[Message] | None:
+            if not isinstance(message, MissionItemInt):
+                return None
+            if now < self.free_at:
+                return []
+            self.free_at = now + 2.0
+            return None
 
     peer = Slow(PX4)
     client = connected(peer)

@@ -1,5 +1,7 @@
 """Whatever a vehicle does, every transfer ends: within its stated time, with few messages, with a named error or rightly."""
 
+from collections.abc import Iterable
+
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
@@ -52,14 +54,9 @@ def test_a_vehicle_that_is_slow_and_gets_on_is_waited_for(autopilot: Autopilot, 
 class ErrorForItem2(VehiclePeer):
     """Has an ERROR in place of item 2."""
 
-    def receive_datagram(self, data: bytes, now: float) -> None:
-        for received in self.codec.decode(data):
-            message = received.message
-            self.heard.append(received)
-            if isinstance(message, m.MissionRequestInt) and message.seq == 2:
-                self.outbox.append(m.MissionAck(255, 190, 1))
-            else:
-                self.server.receive(received, now)
+    def instead(self, message: m.Message, *_: object) -> Iterable[m.Message] | None:
+        asked = isinstance(message, m.MissionRequestInt) and message.seq == 2
+        return [m.MissionAck(255, 190, 1)] if asked else None
 
 
 class AnotherCountEachTime(VehiclePeer):
@@ -67,8 +64,7 @@ class AnotherCountEachTime(VehiclePeer):
 
     count = 10
 
-    def on_message(self, received: m.Received, now: float) -> None:
-        del now
+    def on_message(self, received: m.Received, *_: object) -> None:
         if isinstance(received.message, m.MissionRequestList):
             self.count += 1
             self.outbox += [m.MissionCount(255, 190, self.count), m.MissionCount(255, 190, self.count + 1)]
@@ -101,17 +97,11 @@ class LoopsOverThree(VehiclePeer):
 
     stopped = False
 
-    def receive_datagram(self, data: bytes, now: float) -> None:
-        for received in self.codec.decode(data):
-            message = received.message
-            self.heard.append(received)
-            self.stopped |= isinstance(message, m.MissionAck) and message.result == 15
-            if isinstance(message, m.MissionCount):
-                self.outbox.append(m.MissionRequestInt(255, 190, 0))
-            elif isinstance(message, m.MissionItemInt):
-                self.outbox.append(m.MissionRequestInt(255, 190, (message.seq + 1) % 3))
-            else:
-                self.server.receive(received, now)
+    def instead(self, message: m.Message, *_: object) -> Iterable[m.Message] | None:
+        self.stopped |= isinstance(message, m.MissionAck) and message.result == 15
+        if isinstance(message, m.MissionCount):
+            return [m.MissionRequestInt(255, 190, 0)]
+        return [m.MissionRequestInt(255, 190, (message.seq + 1) % 3)] if isinstance(message, m.MissionItemInt) else None
 
 
 @BOTH
@@ -129,13 +119,9 @@ def test_an_upload_that_goes_round_ends_is_cancelled_and_tells_what_is_held(auto
 @BOTH
 def test_an_early_acknowledgement_fails_at_once(autopilot: Autopilot) -> None:
     class AcksItem1(VehiclePeer):
-        def receive_datagram(self, data: bytes, now: float) -> None:
-            for received in self.codec.decode(data):
-                message = received.message
-                if isinstance(message, m.MissionItemInt) and message.seq >= 1:
-                    self.outbox.append(m.MissionAck(255, 190, 0))
-                else:
-                    self.server.receive(received, now)
+        def instead(self, message: m.Message, *_: object) -> Iterable[m.Message] | None:
+            early = isinstance(message, m.MissionItemInt) and message.seq >= 1
+            return [m.MissionAck(255, 190, 0)] if early else None
 
     client = connected(AcksItem1(autopilot))
     began_at = client.clock.now()

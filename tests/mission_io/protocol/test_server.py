@@ -62,7 +62,7 @@ def test_a_list_beyond_its_capacity_cannot_be_put_in() -> None:
 def test_messages_for_others_and_of_other_kinds_pass_by() -> None:
     vehicle = server(PX4)
     vehicle.receive(Received(Heartbeat(8, 6), 255, 190), 0.0)
-    assert play(vehicle, "count 2", sender=GROUND, to=replace(VEHICLE, system_id=7)) == []
+    assert play(vehicle, "count 2", sender=GROUND, to=VEHICLE._replace(system_id=7)) == []
 
 
 @pytest.mark.parametrize("size", [2, 4])

@@ -148,8 +148,7 @@ class WantsTerrain(VehiclePeer):
         self.parts: dict[int, tuple[int, ...]] = {}
         self._ask_at = 0.0
 
-    def on_message(self, received: Received, now: float) -> None:
-        del now
+    def on_message(self, received: Received, *_: object) -> None:
         if isinstance(received.message, TerrainData):
             self.parts[received.message.part] = received.message.heights_amsl_m
 

@@ -22,6 +22,7 @@ from uavcover.cli import options
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
+    from uavcover.extras.app.workspace import Workspace
 
 # ``uavcover edit``: a plan with the user's own waypoints, checked and written as any other.
 
@@ -260,20 +261,23 @@ def serve(
 
 
 def _serve(
-    workspace: object, first: str, console: "Console", *, host: str, port: int, browser: bool, flights_allowed: bool
+    workspace: "Workspace",
+    first: str,
+    console: "Console",
+    *,
+    host: str,
+    port: int,
+    browser: bool,
+    flights_allowed: bool,
 ) -> None:
     from uavcover.errors import InputError
 
     try:
         import uvicorn
 
-        from uavcover.extras.app.command import Guard
         from uavcover.extras.app.server import Server
     except ModuleNotFoundError as error:
         raise InputError(f"serve: this needs {error.name}; install it with: pip install 'uavcover[app]'") from error
-    from uavcover.extras.app.workspace import Workspace
-
-    assert isinstance(workspace, Workspace)
     try:
         listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:

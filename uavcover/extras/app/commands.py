@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +118,7 @@ def photo_document(folder: Path) -> dict[str, Any]:
 
 Words = tuple[str, list[str]]
 """The run folder that the command works on, and its command line."""
+Builder = Callable[[Mapping[str, Any], Workspace], Words]
 _BUDGET = re.compile(r"[0-9]{1,6}(\.[0-9]{1,3})?(s|m|min|h)")
 _RULE = re.compile(r"[A-Za-z0-9<>=.,:%-]{1,80}")
 _NUMBER = re.compile(r"[0-9]{1,9}")
@@ -127,15 +129,14 @@ _WORD = re.compile(r"[a-z0-9-]{1,40}")
 
 def command_of(kind: str, asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
     """The command line of a button. Raises InputError: there is no such button, or a value of it is wrong."""
-    if kind not in _BUILDERS:
+    builders: dict[str, Builder] = {**_BUILDERS, "fly": partial(_fly, flights_allowed=flights_allowed)}
+    if kind not in builders:
         raise InputError(f"{kind!r}: the page has no such command")
-    if kind == "fly":
-        return _fly(asked, workspace, flights_allowed=flights_allowed)
-    return _BUILDERS[kind](asked, workspace)
+    return builders[kind](asked, workspace)
 
 
 def _plan(asked: Mapping[str, Any], workspace: Workspace) -> Words:
-    scenario = workspace.path(_text(asked, "scenario"))
+    scenario = workspace.path(text_in(asked, "scenario"))
     if not scenario.is_file():
         raise InputError(f"{scenario.name}: no such scenario; save it first")
     run = workspace.free_run(scenario.stem)
@@ -150,7 +151,7 @@ def _plan(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     return run.name, words
 
 
-def _on_run(*command: str) -> Callable[[Mapping[str, Any], Workspace], Words]:
+def _on_run(*command: str) -> Builder:
     def words(asked: Mapping[str, Any], workspace: Workspace) -> Words:
         run = _run(asked, workspace)
         return run, [command[0], run, *command[1:], *(["--force"] if asked.get("force") else [])]
@@ -166,7 +167,7 @@ def _select(asked: Mapping[str, Any], workspace: Workspace) -> Words:
 def _edit(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     run = _run(asked, workspace)
     edited = workspace.free_run(f"{workspace.path(run).name}-edited")
-    waypoints = workspace.path(_text(asked, "waypoints"))
+    waypoints = workspace.path(text_in(asked, "waypoints"))
     return edited.name, ["edit", run, workspace.name(waypoints), "-o", edited.name]
 
 
@@ -249,13 +250,12 @@ def _photos(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     return run, ["judge-photos", workspace.name(photos), "--scenario", run, "-o", out.name]
 
 
-_BUILDERS: dict[str, Callable[[Mapping[str, Any], Workspace], Words]] = {
+_BUILDERS: dict[str, Builder] = {
     "plan": _plan,
     "select": _select,
     "edit": _edit,
     "export": _export,
     "upload": _upload,
-    "fly": lambda asked, workspace: _fly(asked, workspace, flights_allowed=False),
     "verify": _on_run("verify"),
     "gaps": _on_run("gaps"),
     "report": _on_run("report"),
@@ -265,7 +265,7 @@ _BUILDERS: dict[str, Callable[[Mapping[str, Any], Workspace], Words]] = {
 
 
 def _run(asked: Mapping[str, Any], workspace: Workspace) -> str:
-    path = workspace.path(_text(asked, "run"))
+    path = workspace.path(text_in(asked, "run"))
     if not (path / "plan.json").is_file():
         raise InputError(f"{path.name}: this is not a run folder with a plan; plan first")
     return workspace.name(path)
@@ -275,7 +275,8 @@ def _sortie(asked: Mapping[str, Any]) -> list[str]:
     return ["--sortie", _match(asked, "sortie", _NUMBER)] if asked.get("sortie") else []
 
 
-def _text(asked: Mapping[str, Any], key: str) -> str:
+def text_in(asked: Mapping[str, Any], key: str) -> str:
+    """A text of a request. Raises InputError: there is none."""
     value = asked.get(key)
     if not isinstance(value, str) or not value:
         raise InputError(f"{key}: the value is missing")

@@ -20,6 +20,7 @@ from typing import Any
 
 from uavcover.errors import InputError
 from uavcover.extras.app.workspace import OWN_FOLDER
+from uavcover.run.provenance import is_running, process_of
 
 _ID = re.compile(r"[0-9]{10,14}-[0-9a-f]{8}")
 _MOST_EVENT_BYTES = 1 << 20
@@ -47,7 +48,7 @@ class Job:
         """Its exit code; None while it runs, -1 where its process is gone and left none."""
         with contextlib.suppress(OSError, ValueError):
             return int((self.folder / "code").read_text(encoding="ascii"))
-        return None if self._is_starting() or _is_alive(self._process()) else self._code_of_the_dead()
+        return None if self._is_starting() or is_running(self._process()) else self._code_of_the_dead()
 
     def _is_starting(self) -> bool:
         """Whether its process has not written its number yet."""
@@ -62,12 +63,11 @@ class Job:
             return int((self.folder / "code").read_text(encoding="ascii"))
         return -1
 
-    def _process(self) -> tuple[int, str]:
+    def _process(self) -> Any:
         try:
-            found = json.loads((self.folder / "process.json").read_text(encoding="utf-8"))
-            return int(found["pid"]), str(found["began"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return 0, ""
+            return json.loads((self.folder / "process.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
 
     def events(self, begin: int = 0) -> tuple[list[dict[str, Any]], int]:
         """Events from a byte of the file on, and the byte after the last whole one.
@@ -104,11 +104,11 @@ class Job:
 
     def signal(self, number: signal.Signals) -> bool:
         """Send its process a signal; False where it is gone."""
-        pid, began = self._process()
-        if self.code is not None or not _is_alive((pid, began)):
+        process = self._process()
+        if self.code is not None or not is_running(process):
             return False
         with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, number)
+            os.kill(process["pid"], number)
             return True
         return False
 
@@ -189,35 +189,10 @@ def _overlap(one: str, other: str) -> bool:
     return f"{one}/".startswith(f"{other}/") or (bool(one) and f"{other}/".startswith(f"{one}/"))
 
 
-def _began(pid: int) -> str:
-    """When a process began, in the kernel's words: with it a number that was given again is recognised; empty elsewhere."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19]
-    except (OSError, IndexError):
-        return ""
-
-
-def _is_alive(process: tuple[int, str]) -> bool:
-    pid, began = process
-    if pid <= 0:
-        return False
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return False
-    with contextlib.suppress(OSError, IndexError):
-        if Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z":
-            return False
-    return _began(pid) == began
-
-
 def detach(folder: Path) -> None:
     """Continue as a detached process, whose number is kept in the folder; the caller's process ends."""
     if pid := os.fork():
-        about = {"pid": pid, "began": _began(pid)}
-        (folder / "process.json").write_text(json.dumps(about), encoding="utf-8")
+        (folder / "process.json").write_text(json.dumps(process_of(pid)), encoding="utf-8")
         os._exit(0)
 
 

@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.app import survey, tiles
-from uavcover.extras.app.commands import command_of, photo_document, refusal, take_file
+from uavcover.extras.app.commands import command_of, photo_document, refusal, take_file, text_in
 from uavcover.extras.app.jobs import Jobs
 from uavcover.extras.app.live import LiveFlight, Observed
 from uavcover.extras.app.scene import Scene, Scenes, route_check, route_coverage, scene_document
@@ -101,13 +101,13 @@ class Server:
         }  # fmt: skip
 
     def _scene(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return scene_document(self.scenes.of(self.workspace.path(_named(asked, "name"))))
+        return scene_document(self.scenes.of(self.workspace.path(text_in(asked, "name"))))
 
     def _contours(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return {"lines": tiles.contours(self.scenes.of(self.workspace.path(_named(asked, "name"))))}
+        return {"lines": tiles.contours(self.scenes.of(self.workspace.path(text_in(asked, "name"))))}
 
     def _area(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return survey.area_document(self.workspace, _named(asked, "name"))
+        return survey.area_document(self.workspace, text_in(asked, "name"))
 
     def _design(self, asked: dict[str, Any]) -> dict[str, Any]:
         return survey.designed(self.workspace, asked)
@@ -116,14 +116,14 @@ class Server:
         return survey.written(self.workspace, asked)
 
     def _check(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return route_check(self.scenes.of(self.workspace.path(_named(asked, "run"))), asked.get("waypoints") or [])
+        return route_check(self.scenes.of(self.workspace.path(text_in(asked, "run"))), asked.get("waypoints") or [])
 
     def _coverage(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return route_coverage(self.scenes.of(self.workspace.path(_named(asked, "run"))), asked.get("waypoints") or [])
+        return route_coverage(self.scenes.of(self.workspace.path(text_in(asked, "run"))), asked.get("waypoints") or [])
 
     def _save_route(self, asked: dict[str, Any]) -> dict[str, Any]:
         """Keep the waypoints in a file, and let ``uavcover edit`` check and write the plan."""
-        run = self.workspace.path(_named(asked, "run"))
+        run = self.workspace.path(text_in(asked, "run"))
         self.scenes.of(run).enu(asked.get("waypoints") or [])
         with self._starting:
             path = free_name(self.workspace.root, f"{run.name}-waypoints", ".json")
@@ -139,15 +139,15 @@ class Server:
             return self.jobs.start(kind, words, run=run).document()
 
     def _job(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return self.jobs.get(_named(asked, "id")).document()
+        return self.jobs.get(text_in(asked, "id")).document()
 
     def _signal(self, asked: dict[str, Any]) -> dict[str, Any]:
         """Stop: as Ctrl-C; leave: as Ctrl-C twice; pause: the flight waits, or goes on."""
         signals = {"stop": [signal.SIGINT], "leave": [signal.SIGINT] * 2, "pause": [signal.SIGUSR1]}
-        action = _named(asked, "action")
+        action = text_in(asked, "action")
         if action not in signals:
             raise InputError(f"{action} is not stop, leave or pause")
-        job, sent = self.jobs.get(_named(asked, "id")), False
+        job, sent = self.jobs.get(text_in(asked, "id")), False
         for number, one in enumerate(signals[action]):
             time.sleep(0.5 if number else 0.0)  # two signals at once are one
             sent = job.signal(one) or sent
@@ -157,7 +157,7 @@ class Server:
         return await take_file(request, self.workspace)
 
     def _photos(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return photo_document(self.workspace.path(_named(asked, "name")))
+        return photo_document(self.workspace.path(text_in(asked, "name")))
 
     async def _file(self, request: Request) -> Response:
         path = self.workspace.path(request.path_params["name"])
@@ -180,7 +180,7 @@ class Server:
         """The elevation file of a query, or the scene where its ground is made from a formula."""
         if name := asked.get("dem"):
             return TerrainSource((self.workspace.path(name),))
-        scene = self.scenes.of(self.workspace.path(_named(asked, "name")))
+        scene = self.scenes.of(self.workspace.path(text_in(asked, "name")))
         return scene.terrain or scene
 
     def _heights_of(self, asked: dict[str, Any]) -> dict[str, Any]:
@@ -332,15 +332,8 @@ def _json(handler: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Requ
 
 
 def _place(asked: dict[str, Any]) -> dict[str, Any]:
-    lat, lon = place_of(_named(asked, "text"))
+    lat, lon = place_of(text_in(asked, "text"))
     return {"place": [lon, lat]}
-
-
-def _named(asked: dict[str, Any], key: str) -> str:
-    value = asked.get(key)
-    if not isinstance(value, str) or not value:
-        raise InputError(f"{key}: the value is missing")
-    return value
 
 
 async def _failed(request: Request, error: Exception) -> Response:

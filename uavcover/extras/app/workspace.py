@@ -164,14 +164,8 @@ class Workspace:
 
     def listing(self) -> dict[str, list[dict[str, Any]]]:
         """Scenarios, run folders, areas and elevation data, each by name."""
-        found: dict[str, list[dict[str, Any]]] = {
-            "scenarios": [],
-            "runs": [],
-            "areas": [],
-            "elevation": [],
-            "backgrounds": [],
-            "photos": [],
-        }
+        kinds = ("scenarios", "runs", "areas", "elevation", "backgrounds", "photos")
+        found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
         runs: set[Path] = set()
         for path in self._files():
             suffix, entry = path.suffix.lower(), {"name": self.name(path)}

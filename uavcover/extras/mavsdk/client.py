@@ -24,9 +24,9 @@ from mission_io.errors import (
 from mission_io.links.opening import Link
 from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, MissionItem, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
+from mission_io.wire.messages import Address
 from mission_io.wire.signing import SigningKey
 from uavcover.extras.mavsdk.session import Answer, Call, MavsdkSession, TappedLink, contents_of
 
@@ -299,7 +299,7 @@ class MavsdkClient(Client):
         """Let MAVSDK and ``hear`` have what arrives, until something is over or the deadline comes."""
         while not is_over() and (now := self.clock.now()) < deadline:
             for received in self.next_messages(min(deadline, now + _LISTEN_S)):
-                if Address(received.system_id, received.component_id) == self.vehicle.address:
+                if received.sender == self.vehicle.address:
                     hear(received)
 
 

@@ -25,9 +25,8 @@ from mission_io.errors import MisuseError
 from mission_io.links.base import WrappingLink
 from mission_io.links.opening import Link
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import Address
-from mission_io.wire.framing import Framer
-from mission_io.wire.messages import MissionItemInt
+from mission_io.wire.framing import frames_of
+from mission_io.wire.messages import Address, MissionItemInt
 from mission_io.wire.mission_items import item_from_message, message_to_send
 from uavcover.errors import VehicleError
 
@@ -121,7 +120,7 @@ class MavsdkSession:
         self._local, self._vehicle = local, local
         self._outgoing: SimpleQueue[bytes] = SimpleQueue()
         self._dropped: list[Call] = []
-        self._mavsdk = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(local.system_id, local.component_id, True))
+        self._mavsdk = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(*local, True))
         result = self._mavsdk.add_any_connection("raw://")
         if result != mavsdk.ConnectionResult.SUCCESS:
             self._mavsdk.destroy()
@@ -294,8 +293,7 @@ class TappedLink(WrappingLink):
 
     def _of_vehicle(self, data: bytes) -> bytes:
         """The vehicle's own frames of a datagram."""
-        framer = Framer()
-        frames = [*framer.feed(data), *framer.end()]
+        frames = frames_of(data)
         return b"".join(frame.data for frame in frames if (frame.system_id, frame.component_id) == self._vehicle)
 
     def close(self) -> None:

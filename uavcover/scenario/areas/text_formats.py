@@ -223,7 +223,7 @@ def read_poly(text: str, source: str) -> AreaDocument:
 
 def read_fen(text: str, source: str) -> AreaDocument:
     """A ``.fen`` file: its fence is the area."""
-    return AreaDocument(source, _of_fence(poly.read_fence(text).fence, "fence"), rings_may_be_open=True)
+    return AreaDocument(source, _of_fence(poly.read_fence(text).fence or Fence(), "fence"), rings_may_be_open=True)
 
 
 def read_plan(text: str, source: str) -> AreaDocument:

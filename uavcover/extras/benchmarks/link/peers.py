@@ -23,11 +23,10 @@ from mission_io.links.opening import Link, UdpLink
 from mission_io.links.simulated import Conditions, SimulatedLink, fate
 from mission_io.model.enums import VehicleClass
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
 from mission_io.protocol.timing import Timing
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import Heartbeat
+from mission_io.wire.messages import Address, Heartbeat
 from uavcover.errors import VehicleError
 from uavcover.extras.benchmarks.link.trials import AUTOPILOTS, TransferOutcome, Trial, items_on, mission_items
 from uavcover.plugins import load
