@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -165,6 +165,44 @@ def _one_thread_each() -> Iterator[None]:
 _SETTINGS = "settings.json"
 
 
+@contextmanager
+def reserved_folder(path: Path, settings: Mapping[str, str | int | float], *, runs: str) -> Iterator[None]:
+    """Make a folder of runs, or take up one made with the same settings, and keep other processes out of it.
+
+    Args:
+        path: the folder.
+        settings: what its runs have in common.
+        runs: the folder in it that has the files of the runs.
+
+    Raises:
+        InputError: its runs were made with other settings.
+        OutputError: it has files but is none of ours, or cannot be written to.
+    """
+    with RunFolder(path).reserved([], force=False):
+        file = path / _SETTINGS
+        if file.exists():
+            before = _document(file)
+            if before != settings:
+                raise InputError(
+                    f"{path}: its runs were made with {_words_of(before)}, not with {_words_of(settings)}; use another folder"
+                )
+        elif any(path.iterdir()):
+            raise OutputError(f"{path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
+        else:
+            write_text(file, json_text(dict(settings)))
+        remove_half_written((path / runs).rglob("*"))
+        yield
+
+
+def write_run(path: Path, text: str) -> None:
+    """Write the file of a run, whole or not at all. Raises OutputError: it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path.parent}: cannot be made ({error.strerror})") from error
+    write_text(path, text)
+
+
 class KeptRuns:
     """Folder of a benchmark's runs: ``runs/KEY.json``; a key has slashes, as ``R2-ray/imodbo/1``.
 
@@ -177,29 +215,9 @@ class KeptRuns:
         self.path = path
         self.settings = dict(settings)
 
-    @contextmanager
-    def reserved(self) -> Iterator[None]:
-        """Make the folder, or take up one made with the same settings, and keep other processes out of it.
-
-        Raises:
-            InputError: its runs were made with other settings.
-            OutputError: it has files but is none of ours, or cannot be written to.
-        """
-        with RunFolder(self.path).reserved([], force=False):
-            file = self.path / _SETTINGS
-            if file.exists():
-                before = _document(file)
-                if before != self.settings:
-                    raise InputError(
-                        f"{self.path}: its runs were made with {_words_of(before)}, not with {_words_of(self.settings)}; "
-                        "use another folder"
-                    )
-            elif any(self.path.iterdir()):
-                raise OutputError(f"{self.path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
-            else:
-                write_text(file, json_text(self.settings))
-            remove_half_written((self.path / "runs").rglob("*"))
-            yield
+    def reserved(self) -> AbstractContextManager[None]:
+        """As `reserved_folder` does it."""
+        return reserved_folder(self.path, self.settings, runs="runs")
 
     def file(self, key: str) -> Path:
         """File of a run."""
@@ -217,12 +235,7 @@ class KeptRuns:
 
     def write(self, key: str, document: dict[str, Any]) -> None:
         """Write a run, whole or not at all; numbers unrounded. Raises OutputError: it cannot be written."""
-        path = self.file(key)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{path.parent}: cannot be made ({error.strerror})") from error
-        write_text(path, json_text(document))
+        write_run(self.file(key), json_text(document))
 
     def read(self, key: str) -> dict[str, Any]:
         """A run as it was written. Raises InputError: the file cannot be read."""
