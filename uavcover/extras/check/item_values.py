@@ -49,15 +49,9 @@ def impossible_numbers(mission: Mission) -> list[CheckFinding]:
             problems.append(f"a speed of {item.params[1]:g} m/s")
         if item.command in _WAITS and math.isinf(item.params[0]):
             problems.append(f"{item.params[0]:g} s of waiting")
+        do = "correct it; the other checks were not made"
         found += [
-            CheckFinding(
-                kind="number",
-                weight="breaks",
-                items=(number, number),
-                what=what,
-                do="correct it; the other checks were not made",
-            )
-            for what in problems
+            CheckFinding(kind="number", weight="breaks", items=(number, number), what=what, do=do) for what in problems
         ]
     return found
 
@@ -83,13 +77,8 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
             if land_starts > 1 and aircraft.autopilot == "px4":
                 problems.append(("breaks", "this is a second land start, and PX4 refuses the mission", "keep only one"))
         if aircraft.autopilot == "px4" and not item.autocontinue and item.command in _PLACES:
-            problems.append(
-                (
-                    "look",
-                    "it does not continue automatically (autocontinue 0)",
-                    "set it, or fly with a pilot at the controls",
-                )
-            )
+            what = "it does not continue automatically (autocontinue 0)"
+            problems.append(("look", what, "set it, or fly with a pilot at the controls"))
         found += [
             CheckFinding(kind="value", weight=weight, items=(number, number), what=what, do=do)
             for weight, what, do in problems
