@@ -37,8 +37,7 @@ class SphereSensor(SensorBase):
     sample_spacing_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m)
-        _require_spacing(self.sample_spacing_m)
+        require_positive(self, "range_m", "sample_spacing_m")
 
     @property
     def sight(self) -> Sight:
@@ -75,8 +74,7 @@ class DiscSensor(SensorBase):
     sample_spacing_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(radius_m=self.radius_m)
-        _require_spacing(self.sample_spacing_m)
+        require_positive(self, "radius_m", "sample_spacing_m")
 
     @property
     def sight(self) -> Sight:
@@ -132,8 +130,7 @@ class NadirCamera(SensorBase):
     max_ground_sample_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m)
-        _require_spacing(self.sample_spacing_m)
+        require_positive(self, "range_m", "sample_spacing_m")
         _require_angle("fov_deg", self.fov_deg)
         _require_incidence(self.max_incidence_deg)
         _require_pixels(self.pixels_across, self.max_ground_sample_m)
@@ -237,8 +234,7 @@ class FrameCamera(SensorBase):
     trigger_distance_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m)
-        _require_spacing(self.sample_spacing_m)
+        require_positive(self, "range_m", "sample_spacing_m")
         _require_angle("fov_across_deg", self.fov_across_deg)
         _require_angle("fov_along_deg", self.fov_along_deg)
         require(
@@ -374,11 +370,6 @@ class FrameCamera(SensorBase):
         across = np.abs(rays.across) <= rays.depth * sight.tan_half_fov
         along = np.abs(rays.along) <= rays.depth * sight.tan_half_along
         return np.asarray(across & along & (rays.distance2 <= self.range_m**2))
-
-
-def _require_spacing(sample_spacing_m: float | None) -> None:
-    if sample_spacing_m is not None:
-        require_positive(sample_spacing_m=sample_spacing_m)
 
 
 def _require_angle(key: str, angle_deg: float) -> None:
