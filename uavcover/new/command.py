@@ -265,8 +265,7 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
             if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:
                 shapes.append(zone.grown(zone.entry.margin_m + TERRAIN.beside_zones_m))
     if request.fence is not None:
-        lon, lat = np.asarray(request.fence, float).T
-        fence = shapely.Polygon(look.frame.enu_from_geodetic(lat, lon, 0.0)[:, :2])
+        fence = shapely.Polygon(look.frame.en_from_lon_lat(request.fence))
         shapes.append(look.area.buffer(2.0 * TERRAIN.farthest_home_m).difference(fence.buffer(-TERRAIN.beside_zones_m)))
     return shapely.union_all(shapes)
 

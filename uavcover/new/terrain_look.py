@@ -211,16 +211,8 @@ def _middle(parts: tuple[Rings, ...]) -> LocalFrame:
 
 
 def _in_frame(parts: tuple[Rings, ...], frame: LocalFrame) -> shapely.MultiPolygon:
-    def ring(corners: tuple[tuple[float, float], ...]) -> FloatArray:
-        lon_lat = np.asarray(corners, dtype=float)
-        return frame.enu_from_geodetic(lon_lat[:, 1], lon_lat[:, 0], 0.0)[:, :2]
-
-    united = shapely.union_all(
-        [
-            shapely.Polygon(ring(rings[0])).difference(shapely.union_all([shapely.Polygon(ring(h)) for h in rings[1:]]))
-            for rings in parts
-        ]
-    )
+    polygons = [[shapely.Polygon(frame.en_from_lon_lat(ring)) for ring in rings] for rings in parts]
+    united = shapely.union_all([outer.difference(shapely.union_all(holes)) for outer, *holes in polygons])
     return shapely.MultiPolygon([part for part in shapely.get_parts(united) if isinstance(part, shapely.Polygon)])
 
 

@@ -139,10 +139,7 @@ def with_obstacles(
             raise InputError(
                 f"--obstacles: {name}: is in metres of a scenario's local frame; use longitudes and latitudes"
             )
-        rings = [
-            frame.enu_from_geodetic(lat, lon, frame.alt_amsl_m)[:, :2]
-            for lon, lat in (np.asarray(ring, float).T for ring in one.rings_lon_lat_deg)
-        ]
+        rings = [frame.en_from_lon_lat(ring) for ring in one.rings_lon_lat_deg]
         polygon = shapely.Polygon(rings[0], rings[1:])
         if not polygon.is_valid:
             raise InputError(f"--obstacles: {name}: {shapely.is_valid_reason(polygon)}; draw it again")

@@ -16,7 +16,7 @@ from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
 from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import World
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.area import Area, Rings
 from uavcover.model.limits import FlightLimits, Home
@@ -109,11 +109,7 @@ def _map(
     read_ground: GroundReader,
 ) -> CoverageMap:
     """The area's cells in the mission's frame, with the ground under area and photos."""
-
-    def ring(places: tuple[tuple[float, float], ...]) -> FloatArray:
-        lon, lat = np.asarray(places, float).T
-        return np.asarray(world.frame.enu_from_geodetic(lat, lon, world.home_alt_amsl_m)[:, :2])
-
+    ring = world.frame.en_from_lon_lat
     outline = shapely.union_all(
         [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in parts]
     )
