@@ -17,7 +17,7 @@ from tests.recording.conftest import write
 from tests.recording.flights import Flight, make_flight
 from uavcover.errors import InputError, OutputError
 from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
-from uavcover.recording import RecordingError, describe_recording, layout, read_recorded_track, write_recording
+from uavcover.recording import RecordingError, describe_recording, layout, read_recorded_track
 from uavcover.recording import flight as flight_columns
 from uavcover.recording.layout import SCENE
 

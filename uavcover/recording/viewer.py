@@ -146,7 +146,7 @@ def headless_viewer(path: Path) -> Iterator[ViewerClient]:
 def _when_it_answers(
     process: subprocess.Popen[bytes], port: int, log: IO[bytes], what: object, connected: Callable[[str], Answer | None]
 ) -> Answer:
-    """What ``connected`` gives for the URL of a viewer, as soon as it gives anything."""
+    """The first answer of ``connected`` for the URL of a viewer."""
     deadline = time.monotonic() + VIEWER.start_timeout_s
     while time.monotonic() < deadline:
         if process.poll() is not None:

@@ -15,17 +15,13 @@ from uavcover.model.route import Plan
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.scenario.site import Site, load_site
 
-HEIGHT_M: Final = 20.0
-"""Above the ground at which a site's routes are flown."""
-
-LAT_DEG, LON_DEG = 46.0, 10.0
+# routes are HEIGHT_M above the ground
+HEIGHT_M, _ALT_AMSL_M, LAT_DEG, LON_DEG = 20.0, 100.0, 46.0, 10.0
 CRS: Final = f"+proj=tmerc +lat_0={LAT_DEG} +lon_0={LON_DEG} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
-
-_ALT_AMSL_M = 100.0
 
 
 class NamedTask(Protocol):
-    """What a plan is made of."""
+    """One that a plan is made for."""
 
     @property
     def name(self) -> str:

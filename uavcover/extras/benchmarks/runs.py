@@ -1,15 +1,17 @@
-"""Runs of a benchmark in processes that end with this one, kept as one JSON file each.
+"""Runs of a benchmark in processes that end with this one, kept as one JSON file each, and tables about them.
 
 Each process has one BLAS thread, so that thread pools do not fight for cores. Files are written whole: a killed benchmark
 goes on where it was.
 """
 
+import csv
+import io
 import json
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -258,3 +260,49 @@ def _by_parts(key: str) -> list[tuple[int, int, str]]:
 
 def _words_of(settings: Mapping[str, object]) -> str:
     return ", ".join(f"{name} {value}" for name, value in settings.items())
+
+
+def csv_text(header: Sequence[object], rows: Iterable[Iterable[object]]) -> str:
+    """A table as CSV; numbers unrounded.
+
+    >>> print(csv_text(["a", "b"], [[1, 0.5]]), end="")
+    a,b
+    1,0.5
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    return text.getvalue()
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table.
+
+    >>> print(markdown(["a", "b"], [["1", "2"]]))
+    | a | b |
+    |---|---|
+    | 1 | 2 |
+    """
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("|" + "|".join(f" {cell} " if cell != "---" else cell for cell in line) + "|" for line in lines)
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    """Write texts by the names of their files; returns the files. Raises OutputError: one cannot be written."""
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]
+
+
+@contextmanager
+def drawn(path: Path, *, dpi: int) -> Iterator[Any]:
+    """``matplotlib.pyplot`` without a window; the figure that is made inside is written to the file, and closed."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    try:
+        yield pyplot
+        pyplot.savefig(path, dpi=dpi)
+    finally:
+        pyplot.close()

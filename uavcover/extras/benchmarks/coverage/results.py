@@ -25,8 +25,7 @@ from uavcover.extras.benchmarks.coverage.summary import (
     ranks_markdown,
     read_outcomes,
 )
-from uavcover.extras.benchmarks.runs import KeptRuns
-from uavcover.extras.benchmarks.written import csv_text, drawn, markdown, write_texts
+from uavcover.extras.benchmarks.runs import KeptRuns, csv_text, drawn, markdown, write_texts
 
 
 def draw(outcomes: Outcomes, path: Path) -> Path:

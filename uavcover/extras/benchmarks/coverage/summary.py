@@ -22,8 +22,7 @@ from uavcover.extras.benchmarks.coverage.judging import (
 )
 from uavcover.extras.benchmarks.coverage.runs import CoverageRun, run_of_key
 from uavcover.extras.benchmarks.rank_tests import compared, friedman
-from uavcover.extras.benchmarks.runs import KeptRuns
-from uavcover.extras.benchmarks.written import markdown
+from uavcover.extras.benchmarks.runs import KeptRuns, markdown
 
 HIGH_COVERAGE = 0.8
 """The second hypervolume counts only what sees more than this."""

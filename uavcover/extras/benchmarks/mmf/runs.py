@@ -17,8 +17,7 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, MmfProblem
-from uavcover.extras.benchmarks.runs import completed_by, reserved_folder, write_run
-from uavcover.extras.benchmarks.written import csv_text
+from uavcover.extras.benchmarks.runs import completed_by, csv_text, reserved_folder, write_run
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers import ALGORITHMS, DBO, make_optimizer, optimizer_class
 from uavcover.optimizers.pymoo.adapters import spread_weights

@@ -16,7 +16,7 @@ from uavcover.errors import OptimizerError
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.extras.benchmarks.mmf.runs import MmfFolder
-from uavcover.extras.benchmarks.written import csv_text
+from uavcover.extras.benchmarks.runs import csv_text
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
 

@@ -21,7 +21,7 @@ from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.extras.benchmarks.mmf.runs import FLOOR, Budget, MmfFolder, RunId, table_order
 from uavcover.extras.benchmarks.mmf.summary import METRICS, Samples, figure, measured, runs_csv, summary_csv
 from uavcover.extras.benchmarks.rank_tests import Comparison, compared, friedman
-from uavcover.extras.benchmarks.written import csv_text, drawn, markdown, write_texts
+from uavcover.extras.benchmarks.runs import csv_text, drawn, markdown, write_texts
 
 
 @dataclass(frozen=True, slots=True)

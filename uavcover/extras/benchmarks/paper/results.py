@@ -26,8 +26,7 @@ from uavcover.extras.benchmarks.paper.runs import (
     paper_runs,
     read_result,
 )
-from uavcover.extras.benchmarks.runs import KeptRuns
-from uavcover.extras.benchmarks.written import csv_text, drawn, markdown, write_texts
+from uavcover.extras.benchmarks.runs import KeptRuns, csv_text, drawn, markdown, write_texts
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.selection_rule import PAPER_WEIGHTS
 from uavcover.sensing.coverage_map import CoverageMap
