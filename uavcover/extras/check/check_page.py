@@ -195,7 +195,7 @@ def _legs(checked: Checked, world: World) -> list[dict[str, Any]]:
     broken = _broken_items(checked.findings)
     legs = []
     for segment in () if checked.path is None else checked.path.distinct[: PAGE.most_legs]:
-        line = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
+        line = segment.known_m
         if len(line) < 2:
             continue
         reached, places = _sampled(line)
