@@ -23,6 +23,7 @@ from tests.extras.photos.test_doubts import survey
 from tests.extras.photos.test_placing import FRAME as PHOTO_FRAME
 from tests.planner.sites import make_site
 from tests.run.test_judged_inputs import nested
+from tests.scenario.scenario_texts import survey_text
 from tests.verification.test_dates import BOUNDS, NOON_S, track_at
 from tests.verification.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
 from uavcover.errors import InputError, TrackError
@@ -253,26 +254,8 @@ max_height_agl_m = 20.0
 def tile_under_two_virtual_rasters(folder: Path) -> str:
     for level, inner in enumerate((_dem(folder, _relief()), folder / "level0.vrt")):
         nested(folder / f"level{level}.vrt", inner)
-    text = f"""
-name = "nested"
-[area]
-polygons_lon_lat_deg = [[[[8.01, 46.01], [8.012, 46.01], [8.012, 46.012]]]]
-cell_size_m = 10.0
-[home]
-lat_deg = 46.01
-lon_deg = 8.01
-[terrain]
-kind = "raster"
-vertical_datum = "EGM96"
-file = "{folder / "level1.vrt"}"
-[sensor]
-kind = "nadir-camera"
-fov_deg = 70.0
-range_m = 200.0
-[limits]
-min_height_agl_m = 40.0
-max_height_agl_m = 120.0
-"""
+    area = "polygons_lon_lat_deg = [[[[8.01, 46.01], [8.012, 46.01], [8.012, 46.012]]]]"
+    text = survey_text(area, f'"{folder / "level1.vrt"}"', (46.01, 8.01))
     scenario = parse_scenario(text, source="nested", folder=folder)
     before = load_site(scenario).bare_ground.sha256
     same = load_site(scenario).bare_ground.sha256 == before

@@ -293,9 +293,9 @@ def _ranges(cls: type) -> dict[str, str]:
     checks = [vars(each)["__post_init__"] for each in reversed(cls.__mro__) if "__post_init__" in vars(each)]
     for call in (call for check in checks for call in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(check))))):
         match call:
-            case ast.Call(func=ast.Name(id="require_positive" | "require_not_negative" as name), keywords=keywords):
-                for keyword in keywords:
-                    said.setdefault(str(keyword.arg), []).append("above 0" if "positive" in name else "at least 0")
+            case ast.Call(func=ast.Name(id="require_positive" | "require_not_negative" as name), args=[_, *keys]):
+                for key in keys:
+                    said.setdefault(ast.literal_eval(key), []).append("above 0" if "positive" in name else "at least 0")
             case ast.Call(func=ast.Name(id="require"), args=[_, ast.JoinedStr() | ast.Constant() as message]):
                 parts = message.values if isinstance(message, ast.JoinedStr) else [message]
                 # "key: {value} is outside 0..1": the value's place stays empty.

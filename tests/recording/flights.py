@@ -24,6 +24,20 @@ class Flight:
     states: tuple[VehicleState, ...]
 
 
+def lines_over(site: Site, *, spacing_m: float, count: int | None) -> Route:
+    """The first lines of a boustrophedon at mid-height, so that cells stay unseen."""
+    west, south, east, north = site.area.bounds
+    norths = np.linspace(south, north, 7)
+    places = [
+        (e, n)
+        for k, e in enumerate(np.arange(west + spacing_m / 2.0, east, spacing_m)[:count])
+        for n in (norths if k % 2 == 0 else norths[::-1])
+    ]
+    limits = site.scenario.limits
+    height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    return Route(np.column_stack([places, site.ground.heights_m(places) + height]))
+
+
 def make_flight(
     name: str,
     *,
@@ -37,21 +51,13 @@ def make_flight(
     raster = scenario.terrain.kind == "raster"
     site = build_site(scenario, terrain_file=terrain_source(scenario.terrain).files[0] if raster else None)  # type: ignore[arg-type]
     coverage = CoverageMap(site, cell_size_m=cell_size_m)
-    west, south, east, north = site.area.bounds
-    norths = np.linspace(south, north, 7)
-    places = [
-        (e, n)
-        for k, e in enumerate(np.arange(west + line_spacing_m / 2.0, east, line_spacing_m)[:lines])
-        for n in (norths if k % 2 == 0 else norths[::-1])
-    ]
-    middle_agl_m = 0.5 * (scenario.limits.min_height_agl_m + scenario.limits.max_height_agl_m)
-    waypoints = np.column_stack([places, site.ground.heights_m(places) + middle_agl_m])
-    track = fly(site, waypoints, speed_m_s=speed_m_s, rate_hz=rate_hz)
+    planned = lines_over(site, spacing_m=line_spacing_m, count=lines)
+    track = fly(site, planned.waypoints_m, speed_m_s=speed_m_s, rate_hz=rate_hz)
     first = coverage.first_seen(LevelObservations.towards_north(track.enu_m))
     return Flight(
         site=site,
         coverage=coverage,
-        planned=Route(waypoints),
+        planned=planned,
         track=track,
         first_seen_s=np.where(first >= 0, track.time_s[first], np.nan),
         events=(

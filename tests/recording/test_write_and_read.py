@@ -17,7 +17,7 @@ from tests.recording.conftest import write
 from tests.recording.flights import Flight, make_flight
 from uavcover.errors import InputError, OutputError
 from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
-from uavcover.recording import RecordingError, describe_recording, layout, read_recorded_track, write_recording
+from uavcover.recording import RecordingError, describe_recording, layout, read_recorded_track
 from uavcover.recording import flight as flight_columns
 from uavcover.recording.layout import SCENE
 
@@ -266,15 +266,9 @@ def test_arguments_are_left_alone(flight: Flight, tmp_path: Path) -> None:
 def test_a_failed_write_leaves_the_old_file(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "flight.rrd"
     path.write_text("old")
-    monkeypatch.setattr("uavcover.recording.writer.log_scene", _fail)
+    monkeypatch.setattr("uavcover.recording.writer.begin_recording", _fail)
     with pytest.raises(KeyboardInterrupt):
-        write_recording(
-            path,
-            coverage=flight.coverage,
-            planned=None,
-            track=flight.track,
-            first_seen_s=flight.first_seen_s,
-        )
+        write(path, flight)
     assert [p.name for p in tmp_path.iterdir()] == ["flight.rrd"]
     assert path.read_text() == "old"
 

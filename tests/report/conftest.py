@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.recording.flights import fly
+from tests.recording.flights import fly, lines_over
 from tests.report.browser import Page, chromium_page
 from uavcover.flight.resume import find_unfinished, save_rest
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
@@ -26,20 +26,6 @@ def coarse(name: str, cell_size_m: float, **changes: object) -> Site:
     scenario = load_scenario(name)
     area = dataclasses.replace(scenario.area, cell_size_m=cell_size_m)
     return load_site(dataclasses.replace(scenario, area=area, **changes))  # type: ignore[arg-type]
-
-
-def lines_over(site: Site, *, spacing_m: float, count: int) -> Route:
-    """The first lines of a boustrophedon at mid-height, so that cells stay unseen."""
-    west, south, east, north = site.area.bounds
-    norths = np.linspace(south, north, 7)
-    places = [
-        (e, n)
-        for k, e in enumerate(np.arange(west + spacing_m / 2.0, east, spacing_m)[:count])
-        for n in (norths if k % 2 == 0 else norths[::-1])
-    ]
-    limits = site.scenario.limits
-    height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
-    return Route(np.column_stack([places, site.ground.heights_m(places) + height]))
 
 
 def write_run(folder: Path, site: Site, route: Route, *, flown: bool, name: str = "boustrophedon") -> RunFolder:

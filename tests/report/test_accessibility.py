@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 
+from tests.recording.flights import lines_over
 from tests.report.browser import Page
-from tests.report.conftest import lines_over, resumed, two_sorties, write_run
+from tests.report.conftest import resumed, two_sorties, write_run
 from tests.report.test_report_of_pictures import CAMERA
 from uavcover.report import page as page_module
 from uavcover.report.content import ReportContent, read_run

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.recording.flights import lines_over
 from tests.report.browser import Page
-from tests.report.conftest import HOSTILE, coarse, lines_over, write_run
+from tests.report.conftest import HOSTILE, coarse, write_run
 from uavcover.report.content import read_run
 from uavcover.report.page import render_report
 

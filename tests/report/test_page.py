@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.report.conftest import HOSTILE, coarse, lines_over, read_of_perfect_tracks, write_run
+from tests.recording.flights import lines_over
+from tests.report.conftest import HOSTILE, coarse, read_of_perfect_tracks, write_run
 from uavcover.errors import InputError
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report

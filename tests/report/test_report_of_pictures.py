@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
+from tests.recording.flights import lines_over
 from tests.report.browser import Page
-from tests.report.conftest import coarse, lines_over, read_of_perfect_tracks, write_run
+from tests.report.conftest import coarse, read_of_perfect_tracks, write_run
 from tests.report.test_in_browser import check_quiet
 from tests.report.test_map_data import pixels
 from tests.report.test_page import Elements

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.recording.flights import lines_over
 from tests.report.browser import Page
-from tests.report.conftest import cut, lines_over, read_of_perfect_tracks, resumed, two_sorties, write_track
+from tests.report.conftest import cut, read_of_perfect_tracks, resumed, two_sorties, write_track
 from tests.report.test_charts import points
 from uavcover.report import plots
 from uavcover.report.charts import WIDE, Chart

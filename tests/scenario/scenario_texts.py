@@ -43,6 +43,30 @@ seed = 7
 FOLDER = Path("/somewhere")
 
 
+def survey_text(area, file, home):
+    """A survey over elevation files; the area and the files are TOML, home a latitude and a longitude."""
+    return f"""
+name = "a"
+[area]
+{area}
+cell_size_m = 10.0
+[terrain]
+kind = "raster"
+file = {file}
+vertical_datum = "EGM96"
+[home]
+lat_deg = {home[0]}
+lon_deg = {home[1]}
+[sensor]
+kind = "nadir-camera"
+fov_deg = 70.0
+range_m = 200.0
+[limits]
+min_height_agl_m = 40.0
+max_height_agl_m = 120.0
+"""
+
+
 def parse(text, folder=FOLDER):
     return parse_scenario(text, source="mine.toml", folder=folder)
 

@@ -165,9 +165,9 @@ def test_how_a_camera_is_turned():
         ({"forward_overlap": 1.0}, "forward_overlap: 1.0 must be at least 0 and below 1"),
         ({"side_overlap": -0.1}, "side_overlap: -0.1 must be at least 0 and below 1"),
         ({"forward_overlap": 0.5, "trigger_distance_m": 9.0}, "trigger_distance_m: use either this key or forward_overlap"),
-        ({"trigger_distance_m": 0.0}, "trigger_distance_m: the value must be above 0"),
+        ({"trigger_distance_m": 0.0}, "trigger_distance_m: 0.0 must be above 0"),
         ({"max_ground_sample_m": 0.1}, "max_ground_sample_m: this key requires pixels_across"),
-        ({"max_ground_sample_m": 0.0, "pixels_across": 9}, "max_ground_sample_m: the value must be above 0"),
+        ({"max_ground_sample_m": 0.0, "pixels_across": 9}, "max_ground_sample_m: 0.0 must be above 0"),
         (
             {"trigger_distance_m": 9.0, "sensing": "at-waypoints", "mount": "stabilised", "heading_deg": 0.0},
             'trigger_distance_m: distance triggering requires sensing = "along-path"',

@@ -10,6 +10,7 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
+from tests.scenario.scenario_texts import survey_text
 from tests.terrain.dem_files import write_dem
 from uavcover.errors import TerrainError
 from uavcover.scenario.scenario_file import parse_scenario
@@ -25,18 +26,15 @@ BOUNDS_M = (-400.0, -400.0, 400.0, 400.0)
 AROUND = (8.025, 46.547, 8.035, 46.553)
 
 
+def dem(path, lat_deg=LAT, lon_deg=LON, epsg=32632, *, pixel_m=10.0, size_m=1400.0):
+    rng = np.random.default_rng(5)
+    return write_dem(path, rng, lat_deg=lat_deg, lon_deg=lon_deg, epsg=epsg, pixel_m=pixel_m, size_m=size_m)
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dem")
-    return write_dem(
-        folder / "whole.tif",
-        np.random.default_rng(5),
-        lat_deg=LAT,
-        lon_deg=LON,
-        epsg=32632,
-        pixel_m=10.0,
-        size_m=1400.0,
-    )
+    return dem(folder / "whole.tif")
 
 
 def cut(whole, folder, *, parts=3, overlap=1, names="tile-{}-{}.tif", skip=(), **changes):
@@ -84,15 +82,7 @@ def test_tiles_are_the_ground_of_the_whole_file(whole, tmp_path, parts, overlap)
 
 def test_far_tiles_are_left_out_and_do_not_matter(whole, tmp_path):
     cut(whole, tmp_path / "tiles", parts=2)
-    far = write_dem(
-        tmp_path / "tiles" / "far.tif",
-        np.random.default_rng(5),
-        lat_deg=40.0,
-        lon_deg=8.0,
-        epsg=32632,
-        pixel_m=50.0,
-        size_m=1400.0,
-    )
+    far = dem(tmp_path / "tiles" / "far.tif", 40.0, 8.0, pixel_m=50.0)
     near = find_tiles(["tiles"], folder=tmp_path, around=AROUND)
     assert far.resolve() not in near
     assert len(near) == 4
@@ -137,15 +127,7 @@ def test_heights_in_feet_by_their_unit(whole, tmp_path, unit, metres):
 
 def test_heights_in_a_system_of_feet_are_asked_about(tmp_path):
     """EPSG:2274 is Tennessee in US survey feet; a file that does not name the unit of its heights is a question."""
-    path = write_dem(
-        tmp_path / "dem.tif",
-        np.random.default_rng(5),
-        lat_deg=36.48,
-        lon_deg=-84.22,
-        epsg=2274,
-        pixel_m=10.0,
-        size_m=900.0,
-    )
+    path = dem(tmp_path / "dem.tif", 36.48, -84.22, 2274, size_m=900.0)
     place = {"lat_deg": 36.48, "lon_deg": -84.22}
     with pytest.raises(
         TerrainError, match=r"is in feet, but the file does not state the unit of its heights; set terrain\.height_unit"
@@ -200,26 +182,7 @@ def test_the_hash_tells_every_tile(whole, tmp_path):
     assert TerrainSource((whole,)).sha256() == TerrainSource((whole,)).sha256()
 
 
-SCENARIO = """
-name = "a"
-[area]
-polygon_lon_lat_deg = [[8.028, 46.548], [8.032, 46.548], [8.032, 46.552], [8.028, 46.552]]
-cell_size_m = 10.0
-[terrain]
-kind = "raster"
-file = FILE
-vertical_datum = "EGM96"
-[home]
-lat_deg = 46.55
-lon_deg = 8.03
-[sensor]
-kind = "nadir-camera"
-fov_deg = 70.0
-range_m = 200.0
-[limits]
-min_height_agl_m = 40.0
-max_height_agl_m = 120.0
-"""
+AREA = "polygon_lon_lat_deg = [[8.028, 46.548], [8.032, 46.548], [8.032, 46.552], [8.028, 46.552]]"
 
 
 @pytest.mark.parametrize(
@@ -227,15 +190,13 @@ max_height_agl_m = 120.0
 )
 def test_a_scenario_names_tiles_and_keeps_which(whole, tmp_path, file):
     cut(whole, tmp_path / "tiles", parts=2)
-    scenario = parse_scenario(SCENARIO.replace("FILE", file), source="a", folder=tmp_path)
+    scenario = parse_scenario(survey_text(AREA, file, (46.55, 8.03)), source="a", folder=tmp_path)
     assert isinstance(scenario.terrain.file, tuple)
     assert all(name.endswith(".tif") for name in scenario.terrain.file)
 
 
 def other_crs(folder):
-    write_dem(
-        folder / "z.tif", np.random.default_rng(5), lat_deg=LAT, lon_deg=LON, epsg=2056, pixel_m=10.0, size_m=900.0
-    )
+    dem(folder / "z.tif", epsg=2056, size_m=900.0)
 
 
 def other_grid(folder):

@@ -21,11 +21,6 @@ pytestmark = pytest.mark.usefixtures("attitudes_count")
 LINE = np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]])
 
 
-@pytest.fixture(scope="module")
-def flight() -> Flight:
-    return Flight(make_site())
-
-
 def judged(flight: Flight, track: Track, **requirements: float) -> VerificationReport:
     """The verdict under other requirements."""
     site = with_scenario(flight.site, requirements=Requirements(**requirements))

@@ -5,17 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.verification.flights import Flight, make_site
+from tests.verification.flights import Flight
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.track import Track
 from uavcover.verification.command import elevation_biases, judge_tracks, widened
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
-
-
-@pytest.fixture(scope="module")
-def flight() -> Flight:
-    return Flight(make_site())
 
 
 def with_ranges(

@@ -18,11 +18,6 @@ from uavcover.verification.verify import FlownTrack, verify_flight
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 
 
-@pytest.fixture(scope="module")
-def flight() -> Flight:
-    return Flight(make_site())
-
-
 def together(flight: Flight, *tracks: Track) -> VerificationReport:
     planned: PlannedRoute = flight.planned
     return verify_flight(flight.site, flight.coverage, [FlownTrack(track, planned) for track in tracks]).report

@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.planner.sites import flat
-from tests.verification.flights import Flight, changed, make_site, taken, track_of
+from tests.verification.flights import Flight, changed, taken, track_of
 from uavcover.model.track import Track
 from uavcover.verification.same_flight import SameFlight, same_flight
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight
@@ -14,11 +13,6 @@ from uavcover.verification.verify import FlownTrack, Verdict, verify_flight
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 
 RNG = np.random.default_rng(5)
-
-
-@pytest.fixture(scope="module")
-def level() -> Flight:
-    return Flight(make_site(flat))
 
 
 def resampled(flight: Flight, step_s: float) -> Track:

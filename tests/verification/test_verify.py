@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.planner.sites import flat, hills
+from tests.planner.sites import flat
 from tests.verification.flights import Flight, changed, fly_along, make_site, moved, reasons, taken, track_of
 from uavcover.errors import TrackError
 from uavcover.model.route import Route
@@ -15,16 +15,6 @@ from uavcover.verification.unobserved import observed_stretches, on_route
 from uavcover.verification.verify import flown_coverage, verify_track
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
-
-
-@pytest.fixture(scope="module")
-def hilly() -> Flight:
-    return Flight(make_site(hills))
-
-
-@pytest.fixture(scope="module")
-def level() -> Flight:
-    return Flight(make_site(flat))
 
 
 def test_a_perfect_flight_passes(hilly: Flight) -> None:

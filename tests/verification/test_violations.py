@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.planner.sites import ORIGIN, flat, hills, ridge
+from tests.planner.sites import ORIGIN, hills, ridge
 from tests.verification.flights import Flight, changed, fly_along, make_site, moved, reasons, track_of
 from uavcover.model.route import Route
 from uavcover.model.track import Track
@@ -13,16 +13,6 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.verification.verify import verify_track
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
-
-
-@pytest.fixture(scope="module")
-def hilly() -> Flight:
-    return Flight(make_site(hills))
-
-
-@pytest.fixture(scope="module")
-def level() -> Flight:
-    return Flight(make_site(flat))
 
 
 def lifted(flight: Flight, stretches: list[tuple[float, float, float]]) -> Track:

@@ -162,7 +162,7 @@ class Area(Outline):
     fewest_places: int = 25_000
 
     def __post_init__(self) -> None:
-        require_positive(cell_size_m=self.cell_size_m)
-        require_not_negative(margin_m=self.margin_m, fewest_places=self.fewest_places)
+        require_positive(self, "cell_size_m")
+        require_not_negative(self, "margin_m", "fewest_places")
         # Named: a class with slots is made anew, and super() without arguments looks for the one before.
         Outline.__post_init__(self)

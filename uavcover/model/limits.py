@@ -88,13 +88,8 @@ class FlightLimits:
     max_home_error_m: float = 10.0
 
     def __post_init__(self) -> None:
-        require_not_negative(
-            min_height_agl_m=self.min_height_agl_m,
-            height_margin_m=self.height_margin_m,
-            transit_clearance_m=self.transit_clearance_m,
-            fence_margin_m=self.fence_margin_m,
-        )
-        require_positive(max_home_error_m=self.max_home_error_m)
+        require_not_negative(self, "min_height_agl_m", "height_margin_m", "transit_clearance_m", "fence_margin_m")
+        require_positive(self, "max_home_error_m")
         require(
             self.max_height_agl_m - self.min_height_agl_m > 2.0 * self.height_margin_m,
             f"max_height_agl_m: the band {self.min_height_agl_m}..{self.max_height_agl_m} m is too narrow for "

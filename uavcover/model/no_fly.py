@@ -79,10 +79,9 @@ class NoFly:
             circle == (self.radius_m is not None),
             "radius_m: this key requires center_lon_lat_deg or center_east_north_m",
         )
-        require_not_negative(margin_m=self.margin_m)
+        require_not_negative(self, "margin_m")
         require(self.margin_m <= 1000.0, f"margin_m: {self.margin_m} m must be at most 1000 m")
-        if self.radius_m is not None:
-            require_positive(radius_m=self.radius_m)
+        require_positive(self, "radius_m")
         require_lon_lat(self.polygon_lon_lat_deg or (), "polygon_lon_lat_deg")
         for number, rings in enumerate(self.polygons_lon_lat_deg or ()):
             require(bool(rings), "polygons_lon_lat_deg: expected a list of polygons, each a list of rings")

@@ -26,7 +26,7 @@ class Obstacle:
     name: str = ""
 
     def __post_init__(self) -> None:
-        require_positive(height_m=self.height_m)
+        require_positive(self, "height_m")
         require(
             bool(self.rings_lon_lat_deg) != bool(self.rings_east_north_m),
             "rings: specify exactly one of rings_lon_lat_deg and rings_east_north_m",
@@ -54,7 +54,7 @@ class Obstacles:
     clearance_above_m: float = 10.0
 
     def __post_init__(self) -> None:
-        require_not_negative(clearance_beside_m=self.clearance_beside_m, clearance_above_m=self.clearance_above_m)
+        require_not_negative(self, "clearance_beside_m", "clearance_above_m")
         require(
             self.clearance_beside_m <= 50.0, f"clearance_beside_m: {self.clearance_beside_m} m must be at most 50 m"
         )

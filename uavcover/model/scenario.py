@@ -38,12 +38,7 @@ class Uncertainty:
     attitude_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        require_not_negative(
-            position_m=self.position_m,
-            height_m=self.height_m,
-            terrain_m=self.terrain_m,
-            attitude_deg=self.attitude_deg,
-        )
+        require_not_negative(self, "position_m", "height_m", "terrain_m", "attitude_deg")
         require(self.attitude_deg < 90.0, f"attitude_deg: {self.attitude_deg} must be below 90 degrees")
 
     @property
@@ -161,14 +156,13 @@ class PlannerSettings:
             f'encoding: "waypoints" does not apply to lines; omit it with algorithm = "{self.algorithm}"',
         )
         require(self.capacity >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
-        require_not_negative(band_deviation_price=self.band_deviation_price, waypoint_price=self.waypoint_price or 0.0)
+        require_not_negative(self, "band_deviation_price", "waypoint_price")
         require(self.seed >= 0, f"seed: {self.seed} must not be negative")
         require(
             self.parts == "auto" or self.parts >= 1,
             f'parts: {self.parts} is below 1; specify a number of parts, or "auto"',
         )
-        if self.cell_size_m is not None:
-            require_positive(cell_size_m=self.cell_size_m)
+        require_positive(self, "cell_size_m")
 
     @property
     def capacity(self) -> int:
@@ -217,12 +211,9 @@ class Requirements:
     max_unobserved_gap_s: float = 10.0
 
     def __post_init__(self) -> None:
-        require(
-            0.0 <= self.min_coverage_of_coverable <= 1.0,
-            f"min_coverage_of_coverable: {self.min_coverage_of_coverable} must be between 0 and 1",
-        )
-        sure = self.min_sure_coverage_of_coverable
-        require(sure is None or 0.0 <= sure <= 1.0, f"min_sure_coverage_of_coverable: {sure} must be between 0 and 1")
+        for key in ("min_coverage_of_coverable", "min_sure_coverage_of_coverable", "max_unobserved_fraction"):
+            share = getattr(self, key)
+            require(share is None or 0.0 <= share <= 1.0, f"{key}: {share} must be between 0 and 1")
         overlap = self.min_overlap_fraction
         require(
             overlap is None or 0.0 < overlap <= 1.0, f"min_overlap_fraction: {overlap} must be above 0 and at most 1"
@@ -236,18 +227,7 @@ class Requirements:
             self.look_distance_m is None or (self.look_distance_m > 0.0 and self.looks > 1),
             "look_distance_m: the value must be above 0, and the key requires more than one look",
         )
-        require_positive(max_gap_s=self.max_gap_s, max_unobserved_gap_s=self.max_unobserved_gap_s)
-        require(
-            0.0 <= self.max_unobserved_fraction <= 1.0,
-            f"max_unobserved_fraction: {self.max_unobserved_fraction} must be between 0 and 1",
-        )
-        require(
-            self.max_deviation_m is None or self.max_deviation_m > 0.0, "max_deviation_m: the value must be above 0"
-        )
-        require(
-            self.max_ground_speed_m_s is None or self.max_ground_speed_m_s > 0.0,
-            "max_ground_speed_m_s: the value must be above 0",
-        )
+        require_positive(self, "max_gap_s", "max_unobserved_gap_s", "max_deviation_m", "max_ground_speed_m_s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

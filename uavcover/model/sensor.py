@@ -37,8 +37,7 @@ class SphereSensor(SensorBase):
     sample_spacing_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m)
-        _require_spacing(self.sample_spacing_m)
+        require_positive(self, "range_m", "sample_spacing_m")
 
     @property
     def sight(self) -> Sight:
@@ -75,8 +74,7 @@ class DiscSensor(SensorBase):
     sample_spacing_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(radius_m=self.radius_m)
-        _require_spacing(self.sample_spacing_m)
+        require_positive(self, "radius_m", "sample_spacing_m")
 
     @property
     def sight(self) -> Sight:
@@ -132,11 +130,10 @@ class NadirCamera(SensorBase):
     max_ground_sample_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m)
-        _require_spacing(self.sample_spacing_m)
+        require_positive(self, "range_m", "sample_spacing_m")
         _require_angle("fov_deg", self.fov_deg)
         _require_incidence(self.max_incidence_deg)
-        _require_pixels(self.pixels_across, self.max_ground_sample_m)
+        _require_pixels(self)
 
     @property
     def sight(self) -> Sight:
@@ -237,8 +234,7 @@ class FrameCamera(SensorBase):
     trigger_distance_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m)
-        _require_spacing(self.sample_spacing_m)
+        require_positive(self, "range_m", "sample_spacing_m")
         _require_angle("fov_across_deg", self.fov_across_deg)
         _require_angle("fov_along_deg", self.fov_along_deg)
         require(
@@ -246,7 +242,7 @@ class FrameCamera(SensorBase):
             f"pitch_deg: {self.pitch_deg} is outside -90 (straight down)..0 (to the horizon)",
         )
         _require_incidence(self.max_incidence_deg)
-        _require_pixels(self.pixels_across, self.max_ground_sample_m)
+        _require_pixels(self)
         require(
             self.heading_deg is None or 0.0 <= self.heading_deg < 360.0,
             f"heading_deg: {self.heading_deg} is outside 0 to below 360, clockwise from north",
@@ -264,10 +260,7 @@ class FrameCamera(SensorBase):
     def _require_overlaps(self) -> None:
         for key, share in (("forward_overlap", self.forward_overlap), ("side_overlap", self.side_overlap)):
             require(share is None or 0.0 <= share < 1.0, f"{key}: {share} must be at least 0 and below 1")
-        require(
-            self.trigger_distance_m is None or self.trigger_distance_m > 0.0,
-            "trigger_distance_m: the value must be above 0",
-        )
+        require_positive(self, "trigger_distance_m")
         require(
             self.forward_overlap is None or self.trigger_distance_m is None,
             "trigger_distance_m: use either this key or forward_overlap, not both",
@@ -376,11 +369,6 @@ class FrameCamera(SensorBase):
         return np.asarray(across & along & (rays.distance2 <= self.range_m**2))
 
 
-def _require_spacing(sample_spacing_m: float | None) -> None:
-    if sample_spacing_m is not None:
-        require_positive(sample_spacing_m=sample_spacing_m)
-
-
 def _require_angle(key: str, angle_deg: float) -> None:
     require(0.0 < angle_deg < 180.0, f"{key}: {angle_deg} is outside 0..180 degrees")
 
@@ -389,11 +377,10 @@ def _require_incidence(max_incidence_deg: float) -> None:
     require(0.0 < max_incidence_deg <= 90.0, f"max_incidence_deg: {max_incidence_deg} is outside 0..90 degrees")
 
 
-def _require_pixels(pixels_across: int | None, max_ground_sample_m: float | None) -> None:
-    require(pixels_across is None or pixels_across > 0, "pixels_across: the value must be above 0")
-    require(max_ground_sample_m is None or max_ground_sample_m > 0.0, "max_ground_sample_m: the value must be above 0")
+def _require_pixels(sensor: NadirCamera | FrameCamera) -> None:
+    require_positive(sensor, "pixels_across", "max_ground_sample_m")
     require(
-        max_ground_sample_m is None or pixels_across is not None,
+        sensor.max_ground_sample_m is None or sensor.pixels_across is not None,
         "max_ground_sample_m: this key requires pixels_across, which defines the size of a pixel",
     )
 

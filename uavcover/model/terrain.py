@@ -69,11 +69,11 @@ class RasterTerrain:
             )
         band = self.surface_band
         require(not isinstance(band, int) or band >= 1, f"surface_band: {band} must be at least 1 (the first band)")
-        require_positive(surface_hides_m=self.surface_hides_m)
+        require_positive(self, "surface_hides_m")
         require(
             not isinstance(self.band, int) or self.band >= 1, f"band: {self.band} must be at least 1 (the first band)"
         )
-        require_not_negative(fill_no_data_m=self.fill_no_data_m)
+        require_not_negative(self, "fill_no_data_m")
         require(
             self.fill_no_data_m == 0.0 or self.grid_step_m is None,
             "fill_no_data_m: this key requires the file's own pixels; remove grid_step_m",
@@ -86,8 +86,7 @@ class RasterTerrain:
             self.water_height_m is None or -500.0 <= self.water_height_m <= 9000.0,
             f"water_height_m: {self.water_height_m} is outside -500..9000 m",
         )
-        if self.grid_step_m is not None:
-            require_positive(grid_step_m=self.grid_step_m)
+        require_positive(self, "grid_step_m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +104,7 @@ class SineCosineTerrain:
     scale_m: float = 1.0
 
     def __post_init__(self) -> None:
-        require_positive(scale_m=self.scale_m)
+        require_positive(self, "scale_m")
 
 
 Terrain = RasterTerrain | SineCosineTerrain

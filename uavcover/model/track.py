@@ -127,16 +127,9 @@ class Track:
     def taken(self, samples: NDArray[Any]) -> "Track":
         """The track reduced to some samples, by number or by mask."""
         known = [name for name in OPTIONAL_COLUMNS if getattr(self, name).strides != (0,)]
-        return Track(
-            time_s=self.time_s[samples].copy(),
-            geodetic=self.geodetic[samples].copy(),
-            enu_m=self.enu_m[samples].copy(),
-            attitude_deg=self.attitude_deg[samples].copy(),
-            current_waypoint=self.current_waypoint[samples].copy(),
-            ranged=self.ranged.copy(),
-            stored=self.stored.copy(),
-            **{name: getattr(self, name)[samples].copy() for name in known},
-        )
+        names = ("time_s", "geodetic", "enu_m", "attitude_deg", "current_waypoint", *known)
+        columns = {name: getattr(self, name)[samples].copy() for name in names}
+        return Track(**columns, ranged=self.ranged.copy(), stored=self.stored.copy())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

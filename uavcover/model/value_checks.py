@@ -13,16 +13,18 @@ def require(condition: bool, message: str) -> None:
         raise ValueError(message)
 
 
-def require_positive(**values: float) -> None:
-    """Require every named value to be a finite number above zero."""
-    for key, value in values.items():
-        require(math.isfinite(value) and value > 0.0, f"{key}: {value} must be above 0")
+def require_positive(checked: object, *keys: str) -> None:
+    """Require every named value that is given to be a finite number above zero."""
+    for key in keys:
+        value = getattr(checked, key)
+        require(value is None or (math.isfinite(value) and value > 0.0), f"{key}: {value} must be above 0")
 
 
-def require_not_negative(**values: float) -> None:
-    """Require every named value to be a finite number of at least zero."""
-    for key, value in values.items():
-        require(math.isfinite(value) and value >= 0.0, f"{key}: {value} must not be negative")
+def require_not_negative(checked: object, *keys: str) -> None:
+    """Require every named value that is given to be a finite number of at least zero."""
+    for key in keys:
+        value = getattr(checked, key)
+        require(value is None or (math.isfinite(value) and value >= 0.0), f"{key}: {value} must not be negative")
 
 
 def require_lon_lat(ring: tuple[tuple[float, float], ...], key: str) -> None:

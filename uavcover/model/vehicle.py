@@ -57,10 +57,9 @@ class Fleet:
 
     def __post_init__(self) -> None:
         require(1 <= self.vehicles <= 50, f"vehicles: {self.vehicles} is outside 1..50")
-        require_not_negative(turnaround_s=self.turnaround_s, start_error_s=self.start_error_s, pad_s=self.pad_s)
-        require_not_negative(pad_spacing_m=self.pad_spacing_m or 0.0)
-        require_not_negative(path_error_m=self.path_error_m, clock_error_s=self.clock_error_s)
-        require_positive(separation_m=self.separation_m)
+        require_not_negative(self, "turnaround_s", "start_error_s", "pad_s", "pad_spacing_m")
+        require_not_negative(self, "path_error_m", "clock_error_s")
+        require_positive(self, "separation_m")
         require(
             0.0 <= self.timing_error_fraction <= 0.5,
             f"timing_error_fraction: {self.timing_error_fraction} is outside 0..0.5",
@@ -124,13 +123,8 @@ class PowerModel:
     uncertainty_fraction: float = 0.05
 
     def __post_init__(self) -> None:
-        require_positive(tip_speed_m_s=self.tip_speed_m_s)
-        require_not_negative(
-            payload_kg=self.payload_kg, rotor_drag_1_s=self.rotor_drag_1_s, body_drag_area_m2=self.body_drag_area_m2
-        )
-        for key in ("mass_kg", "rotor_area_m2", "hover_induced_m_s"):
-            value = getattr(self, key)
-            require(value is None or (math.isfinite(value) and value > 0.0), f"{key}: {value} must be above 0")
+        require_positive(self, "tip_speed_m_s", "mass_kg", "rotor_area_m2", "hover_induced_m_s")
+        require_not_negative(self, "payload_kg", "rotor_drag_1_s", "body_drag_area_m2")
         require(0.0 <= self.profile_share < 1.0, f"profile_share: {self.profile_share} is outside 0..1")
         require(0.0 <= self.idle_share < 1.0, f"idle_share: {self.idle_share} is outside 0..1")
         require(0.0 <= self.descent_gain <= 1.0, f"descent_gain: {self.descent_gain} is outside 0..1")
@@ -195,7 +189,7 @@ class Wind:
     gust_m_s: float = 0.0
 
     def __post_init__(self) -> None:
-        require_not_negative(speed_m_s=self.speed_m_s, gust_m_s=self.gust_m_s)
+        require_not_negative(self, "speed_m_s", "gust_m_s")
         require(
             self.most_m_s is None or self.most_m_s >= self.speed_m_s,
             f"most_m_s: {self.most_m_s} m/s is below speed_m_s = {self.speed_m_s}",
@@ -344,14 +338,8 @@ class Vehicle:
     system_id: int | None = None
 
     def __post_init__(self) -> None:
-        require_positive(
-            cruise_speed_m_s=self.cruise_speed_m_s,
-            max_climb_m_s=self.max_climb_m_s,
-            max_descent_m_s=self.max_descent_m_s,
-            acceptance_radius_m=self.acceptance_radius_m,
-            takeoff_height_m=self.takeoff_height_m,
-            return_height_m=self.return_height_m,
-        )
+        require_positive(self, "cruise_speed_m_s", "max_climb_m_s", "max_descent_m_s", "acceptance_radius_m")
+        require_positive(self, "takeoff_height_m", "return_height_m")
         require(
             self.cruise_speed_m_s <= 100.0,
             f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is too fast for a multirotor",

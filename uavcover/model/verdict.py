@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from uavcover.model.judgement import Finding, Judgement, Requirement, VerdictName
+from uavcover.model.judgement import Effect, Finding, Judgement, Requirement, VerdictName
 
 _FEWEST_DECIMALS, _MOST_DECIMALS = 2, 9
 
@@ -285,11 +285,11 @@ class VerificationReport:
     unobserved_s: float
     unobserved_m: float
     unobserved_route_fraction: float | None
-    verdict: VerdictName
-    passed: bool
-    reasons: tuple[str, ...]
-    doubts: tuple[str, ...]
-    findings: tuple[str, ...]
+    verdict: VerdictName = field(init=False)
+    passed: bool = field(init=False)
+    reasons: tuple[str, ...] = field(init=False)
+    doubts: tuple[str, ...] = field(init=False)
+    findings: tuple[str, ...] = field(init=False)
     requirements: Mapping[str, Any]
     flown_utc: tuple[str, str] | None = None
     separation: tuple[PairSeparation, ...] = ()
@@ -297,15 +297,13 @@ class VerificationReport:
     missing_photos: tuple[MissingPhotos, ...] = ()
     judgement: Judgement = field(default_factory=Judgement)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "verdict", self.judgement.verdict)
+        object.__setattr__(self, "passed", self.verdict == "passed")
+        effects: dict[str, Effect] = {"reasons": "fails", "doubts": "not proved", "findings": "noted"}
+        for name, effect in effects.items():
+            object.__setattr__(self, name, self.judgement.texts(effect))
+
     def with_findings(self, more: Iterable[Finding]) -> "VerificationReport":
         """The same report with more findings, and the verdict that follows."""
-        judgement = Judgement((*self.judgement.findings, *more))
-        return replace(
-            self,
-            judgement=judgement,
-            verdict=judgement.verdict,
-            passed=judgement.verdict == "passed",
-            reasons=judgement.texts("fails"),
-            doubts=judgement.texts("not proved"),
-            findings=judgement.texts("noted"),
-        )
+        return replace(self, judgement=Judgement((*self.judgement.findings, *more)))

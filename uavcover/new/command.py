@@ -48,7 +48,6 @@ from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_height_amsl_m
 from uavcover.terrain.elevation_trust import trust_asked_for
-from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.terrain.vertical import datum_named
 
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
@@ -88,9 +87,8 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         user.warn(f"{request.area.source}: {note}")
     wish = _wish(request)
     dem = ground_asked_for(request, area)
-    look = look_at_terrain(
-        dem, area.parts, where=request.area.source, around_m=TERRAIN.around_m, datum=_wanted_datum(request)
-    )
+    wanted = None if request.vertical_datum is None else datum_named(request.vertical_datum)
+    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=TERRAIN.around_m, datum=wanted)
     if dem.water_height_m is not None:
         user.warn(
             f"--water-height: ground without data in and around {dem.name} counts as open water "
@@ -111,6 +109,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     home = (
         place_for_home(dem, look, avoid=closed, is_open=is_open) if request.home is None else _near(request.home, look)
     )
+    home_m = read_height_amsl_m(dem, datum, lat_deg=home[0], lon_deg=home[1])
     highest_m = look.highest_amsl_m if surface is None else max(look.highest_amsl_m, surface.highest_amsl_m)
     vehicle = wish.vehicle
     mount = _mount(request.mount)
@@ -122,7 +121,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         name=name_of(area.name), query=request.area, area=area, terrain_files=request.dem, terrain=dem,
         vertical_datum=datum, datum_is_stated=stated,
         design=design, home=home, home_is_given=request.home is not None,
-        return_height_m=return_height_m(highest_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
+        return_height_m=return_height_m(highest_m, home_m), slope_deg=look.slope_deg,
         autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
         mount=mount, no_fly=request.no_fly, flight_window_utc=_window_asked_for(request),
         surface_files=request.dsm, surface=surface, trust_heights=trust, fence=request.fence, rally=request.rally,
@@ -266,8 +265,7 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
             if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:
                 shapes.append(zone.grown(zone.entry.margin_m + TERRAIN.beside_zones_m))
     if request.fence is not None:
-        lon, lat = np.asarray(request.fence, float).T
-        fence = shapely.Polygon(look.frame.enu_from_geodetic(lat, lon, 0.0)[:, :2])
+        fence = shapely.Polygon(look.frame.en_from_lon_lat(request.fence))
         shapes.append(look.area.buffer(2.0 * TERRAIN.farthest_home_m).difference(fence.buffer(-TERRAIN.beside_zones_m)))
     return shapely.union_all(shapes)
 
@@ -303,10 +301,6 @@ def _length(text: str | None, option: str, example: str) -> float | None:
     return None if text is None else quantities.length_m(text, option=option, example=example)
 
 
-def _wanted_datum(request: NewRequest) -> str | None:
-    return None if request.vertical_datum is None else datum_named(request.vertical_datum)
-
-
 def _datum(look: TerrainLook, user: User) -> tuple[str, bool]:
     if len(look.datums) > 1:
         user.warn(
@@ -327,10 +321,6 @@ def _near(text: str, look: TerrainLook) -> tuple[float, float]:
             f"{TERRAIN.farthest_home_m / 1000.0:g} km; specify a closer position, latitude first"
         )
     return lat, lon
-
-
-def _home_height_m(dem: TerrainSource, datum: str, home: tuple[float, float]) -> float:
-    return read_height_amsl_m(dem, datum, lat_deg=home[0], lon_deg=home[1])
 
 
 def _mount(text: str | None) -> str:

@@ -2,11 +2,11 @@
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 import rasterio.errors
@@ -24,6 +24,8 @@ from uavcover.new.tuning import TERRAIN
 from uavcover.run.user import User
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
+
+Answer = TypeVar("Answer")
 
 # Free elevation data: which tiles of which sets an area needs, by name, and which of them a folder has. Nothing is fetched.
 
@@ -218,13 +220,12 @@ def feet_in_words(source: TerrainSource) -> str | None:
     """
     if source.height_unit is not None:
         return None
-    try:
-        with source.opened() as dataset:
-            band = source.band_of(dataset)
-            stated = bool(dataset.units[band - 1]) or (dataset.crs is not None and "VERT" in dataset.crs.to_wkt())
-    except (TerrainError, rasterio.errors.RasterioError, OSError):
-        return None  # its own error tells more
-    if stated:
+
+    def states_unit(dataset: Any) -> bool:
+        unit = dataset.units[source.band_of(dataset) - 1]
+        return bool(unit) or (dataset.crs is not None and "VERT" in dataset.crs.to_wkt())
+
+    if _asked(source, states_unit, otherwise=True):
         return None
     if word := _FEET.search(source.files[0].stem):
         return f'its name contains "{word.group(0)}"'
@@ -238,21 +239,17 @@ def bands_in_words(source: TerrainSource) -> str | None:
     """List the bands beside the first, which is used. None with one band, or with an explicit choice."""
     if source.band is not None:
         return None
-    try:
-        with source.opened() as dataset:
-            names = [name or "without a name" for name in dataset.descriptions]
-    except (TerrainError, rasterio.errors.RasterioError, OSError):
-        return None
+    described: tuple[str | None, ...] = _asked(source, lambda dataset: dataset.descriptions, otherwise=())
+    names = [name or "without a name" for name in described]
     return None if len(names) < 2 else ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
 
 
 def shading_in_words(source: TerrainSource) -> str | None:
     """Reason why values seem to be an image of heights, such as a hillshade; None without a sign of it."""
-    try:
-        with source.opened() as dataset:
-            kind, count = dataset.dtypes[source.band_of(dataset) - 1], dataset.count
-    except (TerrainError, rasterio.errors.RasterioError, OSError):
-        return None  # its own error tells more
+    found = _asked(source, lambda dataset: (dataset.dtypes[source.band_of(dataset) - 1], dataset.count), otherwise=None)
+    if found is None:
+        return None
+    kind, count = found
     if word := _SHADING.search(source.files[0].stem):
         return f'its name contains "{word.group(0)}"'
     return f"{source.files[0].name} has 8 bits (0 to 255), like an image" if kind == "uint8" and count < 3 else None
@@ -267,13 +264,22 @@ def _by_metadata(source: TerrainSource) -> str | None:
 
 def _said(source: TerrainSource) -> list[str]:
     """Description and metadata of the band with the heights, and of its file; nothing where it cannot be opened."""
+
+    def said(dataset: Any) -> list[str]:
+        band = source.band_of(dataset)
+        tags = (*dataset.tags().values(), *dataset.tags(band).values())
+        return [str(dataset.descriptions[band - 1] or ""), *map(str, tags)]
+
+    return _asked(source, said, otherwise=[])
+
+
+def _asked(source: TerrainSource, question: Callable[[Any], Answer], *, otherwise: Answer) -> Answer:
+    """Answer of the open raster; where it cannot be opened its own error tells more, elsewhere."""
     try:
         with source.opened() as dataset:
-            band = source.band_of(dataset)
-            said = [str(dataset.descriptions[band - 1] or ""), *map(str, dataset.tags().values())]
-            return [*said, *(str(value) for value in dataset.tags(band).values())]
+            return question(dataset)
     except (TerrainError, rasterio.errors.RasterioError, OSError):
-        return []  # its own error tells more
+        return otherwise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -63,7 +63,7 @@ def look_at_terrain(
         )
     _require_ground(file, datums[0], parts, where=where, frame=frame, area=area)
     zone = area.convex_hull.buffer(around_m)
-    places = _grid(zone)
+    places = _grid(zone, TERRAIN.grid)
     heights = _heights(file, datums[0], frame, places)
     known = np.isfinite(heights)
     inside = np.asarray(shapely.contains_xy(area, places[:, 0], places[:, 1])) & known
@@ -211,16 +211,8 @@ def _middle(parts: tuple[Rings, ...]) -> LocalFrame:
 
 
 def _in_frame(parts: tuple[Rings, ...], frame: LocalFrame) -> shapely.MultiPolygon:
-    def ring(corners: tuple[tuple[float, float], ...]) -> FloatArray:
-        lon_lat = np.asarray(corners, dtype=float)
-        return frame.enu_from_geodetic(lon_lat[:, 1], lon_lat[:, 0], 0.0)[:, :2]
-
-    united = shapely.union_all(
-        [
-            shapely.Polygon(ring(rings[0])).difference(shapely.union_all([shapely.Polygon(ring(h)) for h in rings[1:]]))
-            for rings in parts
-        ]
-    )
+    polygons = [[shapely.Polygon(frame.en_from_lon_lat(ring)) for ring in rings] for rings in parts]
+    united = shapely.union_all([outer.difference(shapely.union_all(holes)) for outer, *holes in polygons])
     return shapely.MultiPolygon([part for part in shapely.get_parts(united) if isinstance(part, shapely.Polygon)])
 
 
@@ -271,9 +263,9 @@ def _reach(file: TerrainSource, datum: str, frame: LocalFrame) -> str:
     return "no data"
 
 
-def _grid(zone: shapely.Polygon) -> FloatArray:
+def _grid(zone: shapely.Polygon, side: int) -> FloatArray:
     west, south, east, north = zone.bounds
-    easts, norths = np.meshgrid(np.linspace(west, east, TERRAIN.grid), np.linspace(south, north, TERRAIN.grid))
+    easts, norths = np.meshgrid(np.linspace(west, east, side), np.linspace(south, north, side))
     places = np.column_stack([easts.ravel(), norths.ravel()])
     return np.asarray(places[shapely.contains_xy(zone, places[:, 0], places[:, 1])])
 
@@ -359,28 +351,18 @@ def look_at_surface(
     """
     datum = surface_datum(source, ground_datum)
 
-    def heights(file: TerrainSource, file_datum: str, places: FloatArray) -> FloatArray:
-        lat, lon, _ = look.frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
-        return read_heights_amsl_m(file, file_datum, lat, lon)
-
     def surface_m(places: FloatArray) -> FloatArray:
         try:
-            return heights(source, datum, places)
+            return _heights(source, datum, look.frame, places)
         except TerrainError as error:
             raise of_surface(error) from error
 
     def above_ground_m(places: FloatArray) -> FloatArray:
-        return np.asarray(surface_m(places) - heights(ground, ground_datum, places))
+        return np.asarray(surface_m(places) - _heights(ground, ground_datum, look.frame, places))
 
-    zone = look.area.convex_hull.buffer(around_m)
-    west, south, east, north = zone.bounds
-    grid = np.stack(
-        np.meshgrid(np.linspace(west, east, TERRAIN.surface_grid), np.linspace(south, north, TERRAIN.surface_grid)),
-        axis=-1,
-    ).reshape(-1, 2)
-    grid = grid[shapely.contains_xy(zone, grid[:, 0], grid[:, 1])]
+    grid = _grid(look.area.convex_hull.buffer(around_m), TERRAIN.surface_grid)
     top = surface_m(grid)
-    bare = heights(ground, ground_datum, grid)
+    bare = _heights(ground, ground_datum, look.frame, grid)
     inside = shapely.contains_xy(look.area, grid[:, 0], grid[:, 1])
     lacking = inside & np.isnan(top)
     if lacking.any():

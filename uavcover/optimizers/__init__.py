@@ -1,6 +1,6 @@
 """Multi-objective optimizers behind ask and tell. They know boxes, objectives and constraints, and nothing of UAVs."""
 
-from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers.ask_tell import AskTellOptimizer, RandomSearch
 from uavcover.optimizers.by_name import ALGORITHMS, make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.imodbo import IMODBO, MODBO
 from uavcover.optimizers.imodbo_niching import ImodboNiching
@@ -10,7 +10,6 @@ from uavcover.optimizers.rivals.dbo import DBO
 from uavcover.optimizers.rivals.mogwo import MOGWO
 from uavcover.optimizers.rivals.mossa import MOSSA
 from uavcover.optimizers.rivals.mowoa import MOWOA
-from uavcover.optimizers.rivals.random_search import RandomSearch
 
 __all__ = [
     "ALGORITHMS",

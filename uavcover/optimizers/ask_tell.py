@@ -283,6 +283,18 @@ class AskTellOptimizer(Optimizer, ABC):
         return self._checked_values(violations, "violations", self._n_constraints)
 
 
+class RandomSearch(AskTellOptimizer):
+    """Independent uniform samples in every round, the floor that every other algorithm has to stand above.
+
+    See `AskTellOptimizer` for the arguments.
+    """
+
+    def _sample(self, rng: np.random.Generator) -> FloatArray:
+        return self._box.uniform(self._population_size, rng)
+
+    _move = _sample
+
+
 def _at_least(smallest: int, value: int, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < smallest:
         raise OptimizerError(f"{name} is {value!r}: use a whole number >= {smallest}")

@@ -28,7 +28,7 @@ from uavcover.optimizers.ablations import (
     ModboPlusSineCosine,
 )
 from uavcover.optimizers.archive import Archive
-from uavcover.optimizers.ask_tell import AskTellOptimizer, Box
+from uavcover.optimizers.ask_tell import AskTellOptimizer, Box, RandomSearch
 from uavcover.optimizers.imodbo import IMODBO, MODBO
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 from uavcover.optimizers.interface import AskAndTell, ParetoSet, Solutions, finite_array, read_only
@@ -37,7 +37,6 @@ from uavcover.optimizers.rivals.dbo import DBO
 from uavcover.optimizers.rivals.mogwo import MOGWO
 from uavcover.optimizers.rivals.mossa import MOSSA
 from uavcover.optimizers.rivals.mowoa import MOWOA
-from uavcover.optimizers.rivals.random_search import RandomSearch
 from uavcover.plugins import load, registered
 
 Returned = TypeVar("Returned")

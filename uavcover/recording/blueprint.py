@@ -8,10 +8,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from uavcover.model.route import Route
 from uavcover.recording import layout
 from uavcover.recording.layout import VIEWS
-from uavcover.recording.scene import extent_m, scene_bounds_m
+from uavcover.recording.scene import extent_m, log_scene, scene_bounds_m
+from uavcover.recording.tiles import lift_m
 from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 _NAMESPACE = uuid.UUID("6f1c1a52-6d0b-4a55-8f3d-6b1a1c0e7d11")
 _BACKGROUND_RGB = (18, 20, 26)
@@ -91,6 +94,18 @@ def make_blueprint(
         auto_layout=False,
         auto_views=False,
     )
+
+
+def begin_recording(
+    recording: rr.RecordingStream, coverage: CoverageMap, planned: Route | None, *, name: str,
+    span_s: tuple[float, float] | None, paths: Sequence[str] = (layout.FLOWN,),
+) -> None:  # fmt: skip
+    """Log the layout, the name, the legend and the scene of a recording; see :func:`make_blueprint`."""
+    site = coverage.site
+    recording.send_blueprint(make_blueprint(site, span_s=span_s, paths=paths), make_active=False, make_default=True)
+    recording.send_recording_name(name)
+    layout.log_static(recording, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))
+    log_scene(recording, site, planned, lift_m=2.0 * lift_m(coverage))
 
 
 def _parts(part: rrb.Container | rrb.View) -> Iterator[rrb.Container | rrb.View]:

@@ -177,6 +177,11 @@ def any_value_columns(columns: Mapping[str, NDArray[Any]]) -> rr.ComponentColumn
     return rr.AnyValues.columns(True, **columns)
 
 
+def open_stream(site: "Site", recording_id: str) -> rr.RecordingStream:
+    """A stream for a recording of a scenario."""
+    return rr.RecordingStream(application_id(site), recording_id=recording_id, send_properties=False)
+
+
 def application_id(site: "Site") -> str:
     """The application id determines which blueprint the viewer applies, so each scenario has its own.
 

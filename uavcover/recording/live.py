@@ -15,10 +15,9 @@ from uavcover.errors import OutputError
 from uavcover.model.route import Route
 from uavcover.model.track import OPTIONAL_COLUMNS, Track, TrackSample
 from uavcover.recording import flight, layout
-from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
-from uavcover.recording.layout import VIEWS, any_value_columns, any_values, application_id, log_static, time_column
-from uavcover.recording.scene import log_scene
-from uavcover.recording.tiles import coverage_tiles, lift_m
+from uavcover.recording.blueprint import begin_recording
+from uavcover.recording.layout import VIEWS, any_value_columns, any_values, log_static, open_stream, time_column
+from uavcover.recording.tiles import coverage_tiles
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
@@ -74,11 +73,11 @@ class LiveRecording:
         self._copier = threading.Thread(target=self._copy, args=(reading,), daemon=True)
         self._copier.start()
         recording_id = str(uuid.uuid4())
-        self._outputs = [_stream(site, recording_id)]
+        self._outputs = [open_stream(site, recording_id)]
         self._outputs[0].save(f"/dev/fd/{writing}")
         os.close(writing)
         if viewer_url is not None:
-            self._outputs.append(_stream(site, recording_id))
+            self._outputs.append(open_stream(site, recording_id))
             self._outputs[1].connect_grpc(viewer_url)
         unseen = coverage_tiles(coverage, np.full(coverage.grid.count, np.inf), 0.0)
         self._tiles = list(zip(unseen, coverage_tiles(coverage, np.zeros(coverage.grid.count), 0.0), strict=True))
@@ -126,11 +125,9 @@ class LiveRecording:
         self._copier.join()
 
     def _begin(self, output: rr.RecordingStream, site: Site, planned: Route) -> None:
-        output.send_recording_name(plain_text(f"{site.scenario.name} (in flight)"))
-        output.send_blueprint(make_blueprint(site, span_s=None), make_active=False, make_default=True)
         log_static(output, layout.TRACK, any_values({layout.UNFINISHED: np.array([1])}))
-        log_static(output, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))
-        log_scene(output, site, planned, lift_m=2.0 * lift_m(self._coverage))
+        name = plain_text(f"{site.scenario.name} (in flight)")
+        begin_recording(output, self._coverage, planned, name=name, span_s=None)
         draw_vehicle(output, self._coverage)
         flight.name_series(output, layout.HEIGHT_AGL, name="above ground, m", rgb=layout.FLOWN_RGB)
         flight.name_series(output, layout.SEEN, name="of the area", rgb=layout.SEEN_RGB)
@@ -225,10 +222,6 @@ class LiveRecording:
                     except OSError as error:
                         self.error = f"{self._path}: the live recording cannot be written ({error.strerror or error})"
         os.close(reading)
-
-
-def _stream(site: Site, recording_id: str) -> rr.RecordingStream:
-    return rr.RecordingStream(application_id(site), recording_id=recording_id, send_properties=False)
 
 
 def _tile_entity(number: int) -> str:

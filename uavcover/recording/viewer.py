@@ -11,9 +11,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, TypeVar
 
 from rerun.experimental import ViewerClient
 
@@ -27,6 +27,7 @@ PICTURE_SIZE = (1600, 1000)
 """Width and height of a screenshot, pixels."""
 
 
+Answer = TypeVar("Answer")
 _NO_DRIVER = (
     "no graphics driver: the screenshot needs Vulkan; a software driver is sufficient (Debian and Ubuntu: apt-get "
     "install mesa-vulkan-drivers libvulkan1)"
@@ -61,15 +62,11 @@ def open_live_viewer() -> str:
     port = _free_port()
     with tempfile.TemporaryFile() as log:
         process = _start_viewer(["--port", str(port), "--hide-welcome-screen"], log)
-        deadline = time.monotonic() + VIEWER.start_timeout_s
-        while time.monotonic() < deadline:
-            if process.poll() is not None:
-                raise RecordingError(f"--live: {_failure(log, process.returncode)}")
-            with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=VIEWER.poll_s):
-                return f"rerun+http://{LOCAL_HOST}:{port}/proxy"
-            time.sleep(VIEWER.poll_s)
-        process.terminate()
-    raise RecordingError(f"--live: the viewer did not answer within {VIEWER.start_timeout_s:.0f} s")
+        try:
+            return _when_it_answers(process, port, log, "--live", lambda url: url)
+        except RecordingError:
+            process.terminate()
+            raise
 
 
 def _require_screen(what: str) -> None:
@@ -129,7 +126,7 @@ def headless_viewer(path: Path) -> Iterator[ViewerClient]:
             ["--headless", "--port", str(port), "--hide-welcome-screen", "--window-size", f"{width}x{height}"], log
         )
         try:
-            yield _connect(process, port, log, path)
+            yield _when_it_answers(process, port, log, path, _client)
         except Exception as error:
             # A viewer's own exit message is better than the broken connection. On a busy machine it may
             # answer for a while before it notices that there is no graphics driver.
@@ -146,19 +143,29 @@ def headless_viewer(path: Path) -> Iterator[ViewerClient]:
                 process.wait()
 
 
-def _connect(process: subprocess.Popen[bytes], port: int, log: IO[bytes], path: Path) -> ViewerClient:
+def _when_it_answers(
+    process: subprocess.Popen[bytes], port: int, log: IO[bytes], what: object, connected: Callable[[str], Answer | None]
+) -> Answer:
+    """The first answer of ``connected`` for the URL of a viewer."""
     deadline = time.monotonic() + VIEWER.start_timeout_s
     while time.monotonic() < deadline:
         if process.poll() is not None:
-            raise RecordingError(f"{path}: {_failure(log, process.returncode)}")
+            raise RecordingError(f"{what}: {_failure(log, process.returncode)}")
         with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=VIEWER.poll_s):
-            client = ViewerClient.connect(f"rerun+http://{LOCAL_HOST}:{port}/proxy")
-            # The server answers before the window exists; only then does a missing driver show.
-            with contextlib.suppress(Exception):
-                client.get_state()
-                return client
+            answer = connected(f"rerun+http://{LOCAL_HOST}:{port}/proxy")
+            if answer is not None:
+                return answer
         time.sleep(VIEWER.poll_s)
-    raise RecordingError(f"{path}: the viewer did not answer within {VIEWER.start_timeout_s:.0f} s")
+    raise RecordingError(f"{what}: the viewer did not answer within {VIEWER.start_timeout_s:.0f} s")
+
+
+def _client(url: str) -> ViewerClient | None:
+    client = ViewerClient.connect(url)
+    # The server answers before the window exists; only then does a missing driver show.
+    with contextlib.suppress(Exception):
+        client.get_state()
+        return client
+    return None
 
 
 def _load(client: ViewerClient, path: Path) -> tuple[int, int]:

@@ -5,7 +5,7 @@ import hashlib
 import itertools
 import os
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,19 +18,17 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import flight, layout
-from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
+from uavcover.recording.blueprint import begin_recording
 from uavcover.recording.layout import (
     SCENE,
     RecordingError,
-    application_id,
     log_static,
+    open_stream,
     strict_mode,
     time_column,
     ui_points,
 )
 from uavcover.recording.reader import check_finished
-from uavcover.recording.scene import log_scene
-from uavcover.recording.tiles import lift_m
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -64,16 +62,8 @@ def write_recording(
     site = coverage.site
     name = plain_text(name or site.scenario.name)
     span_s = (float(track.time_s[0]), float(track.time_s[-1]))
-    blueprint = make_blueprint(site, span_s=span_s)
-    with strict_mode():
-        recording = rr.RecordingStream(
-            application_id(site), recording_id=_recording_id(name, track), send_properties=False
-        )
-        memory = recording.memory_recording()
-        recording.send_blueprint(blueprint, make_active=False, make_default=True)
-        recording.send_recording_name(name)
-        log_static(recording, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))
-        log_scene(recording, site, planned, lift_m=2.0 * lift_m(coverage))
+    recording_id = _recording_id(name, track)
+    with _written(Path(path), coverage, planned, name=name, recording_id=recording_id, span_s=span_s) as recording:
         flight.log_coverage(recording, coverage, span_s, first_seen_s)
         flight.log_series(recording, coverage, track)
         draw_vehicle(recording, coverage)
@@ -81,8 +71,21 @@ def write_recording(
         flight.log_states(recording, sorted(states, key=lambda state: state.time_s))
         flight.log_events(recording, events)
         flight.log_track(recording, track)
+
+
+@contextlib.contextmanager
+def _written(
+    path: Path, coverage: CoverageMap, planned: Route | None, *, name: str, recording_id: str, span_s: tuple[float, float],
+    paths: Sequence[str] = (layout.FLOWN,),
+) -> Iterator[rr.RecordingStream]:  # fmt: skip
+    """A recording with its layout and scene; what is logged inside is written when it is complete."""
+    with strict_mode():
+        recording = open_stream(coverage.site, recording_id)
+        memory = recording.memory_recording()
+        begin_recording(recording, coverage, planned, name=name, span_s=span_s, paths=paths)
+        yield recording
         data = memory.drain_as_bytes()
-    write_whole(Path(path), data)
+    write_whole(path, data)
 
 
 def _check(coverage: CoverageMap, track: Track, first_seen_s: NDArray[np.float64]) -> None:
@@ -158,24 +161,15 @@ def record_fleet(
     site = coverage.site
     span_s = (min(float(t[0]) for t, _ in tracks.values()), max(float(t[-1]) for t, _ in tracks.values()))
     paths = [f"{layout.FLOWN}/{_entity(name)}" for name in tracks]
-    with strict_mode():
-        name = plain_text(f"{site.scenario.name}, {len(tracks)} flights")
-        digest = hashlib.sha256(b"".join(t.tobytes() + p.tobytes() for t, p in tracks.values())).hexdigest()
-        recording = rr.RecordingStream(
-            application_id(site),
-            recording_id=str(uuid.uuid5(_FLEETS, f"{name}{digest}")),
-            send_properties=False,
-        )
-        memory = recording.memory_recording()
-        recording.send_blueprint(make_blueprint(site, span_s=span_s, paths=paths), make_active=False, make_default=True)
-        recording.send_recording_name(name)
-        log_static(recording, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))
-        log_scene(recording, site, planned, lift_m=2.0 * lift_m(coverage))
+    name = plain_text(f"{site.scenario.name}, {len(tracks)} flights")
+    digest = hashlib.sha256(b"".join(t.tobytes() + p.tobytes() for t, p in tracks.values())).hexdigest()
+    recording_id = str(uuid.uuid5(_FLEETS, f"{name}{digest}"))
+    with _written(
+        path, coverage, planned, name=name, recording_id=recording_id, span_s=span_s, paths=paths
+    ) as recording:
         flight.log_coverage(recording, coverage, span_s, first_seen_s)
         for number, (title, (time_s, enu_m)) in enumerate(tracks.items()):
             _log_flight(recording, coverage, title, time_s, enu_m, _COLOURS[number % len(_COLOURS)])
-        data = memory.drain_as_bytes()
-    write_whole(path, data)
 
 
 def _entity(name: str) -> str:

@@ -31,7 +31,6 @@ def map_data(content: ReportContent) -> dict[str, Any]:
     """All drawing data, rounded to visible precision."""
     site = content.site
     bounds = bounds_m(site)
-    west, south, east, north = cells_bounds_m(content.coverage)
     verdict = content.verdict
     return {
         "bounds": rounded(np.array(bounds)),
@@ -41,15 +40,18 @@ def map_data(content: ReportContent) -> dict[str, Any]:
         "drawn": [rounded(ring) for ring in rings_of(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
         "fence": [rounded(ring) for ring in rings_of(site.fence)],
         "obstacles": [_obstacle(site, prism) for prism in site.prisms],
-        "noFly": [zone_data(zone) | _zone_lines(site, zone, bounds) for zone in site.zones],
+        "noFly": [
+            zone_data(zone) | {"lines": [rounded(line) for line in zone_lines_m(site, zone, bounds)]}
+            for zone in site.zones
+        ],
         "home": None if site.home_m is None else rounded(site.home_m),
         "plan": rounded(content.planned.route.waypoints_m),
-        "planHeights": rounded(_heights_agl_m(site, content.planned.route.waypoints_m)),
+        "planHeights": rounded(site.ground.heights_agl_m(content.planned.route.waypoints_m)),
         "sorties": [
             {"name": f"sortie {number + 1}", "style": flight_style(number), "points": rounded(route_m)}
             for number, route_m in enumerate(content.sorties_m)
         ],
-        "cellBounds": rounded(np.array([west, south, east, north])),
+        "cellBounds": rounded(np.array(cells_bounds_m(content.coverage))),
         "cells": [layer_data(layer) for layer in cell_layers(content)],
         "pictures": _pictures(content),
         "tracks": [_track(flight, number) for number, flight in enumerate(content.flights)],
@@ -104,11 +106,6 @@ def zone_data(zone: Zone) -> dict[str, Any]:
         "heights": zone.heights_in_words(),
         "rings": [rounded(r) for r in rings_of(zone.outline)],
     }
-
-
-def _zone_lines(site: Site, zone: Zone, bounds: Bounds) -> dict[str, Any]:
-    """Floor, ceiling and upright edges, for the 3D view."""
-    return {"lines": [rounded(line) for line in zone_lines_m(site, zone, bounds)]}
 
 
 def layer_data(layer: Any) -> dict[str, Any]:
@@ -189,14 +186,9 @@ def _unsafe_returns(site: Site, routes_m: Sequence[FloatArray]) -> list[dict[str
         for one, words in zip(away, advice.sentences, strict=True):
             inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
             points = states.places_m[inside, :2]
-            found.append(
-                {
-                    "points": rounded(points[:: drawn_every(len(points))]),
-                    "east": round(one.place_m[0], 1),
-                    "north": round(one.place_m[1], 1),
-                    "words": words,
-                }
-            )
+            drawn = rounded(points[:: drawn_every(len(points))])
+            east, north = round(one.place_m[0], 1), round(one.place_m[1], 1)
+            found.append({"points": drawn, "east": east, "north": north, "words": words})
     return found
 
 
@@ -224,10 +216,6 @@ def geodetic_fit(frame: LocalFrame | None, bounds: Bounds) -> dict[str, list[flo
     return {
         name: np.linalg.lstsq(basis, values, rcond=None)[0].tolist() for name, values in (("lat", lat), ("lon", lon))
     }
-
-
-def _heights_agl_m(site: Site, points_m: FloatArray) -> FloatArray:
-    return site.ground.heights_agl_m(points_m)
 
 
 def rounded(values: FloatArray) -> Any:

@@ -64,6 +64,19 @@ def map_script() -> str:
     return _read(_PAGE / "map.js") + "\nreport.start();\n"
 
 
+def page_environment(*folders: Path) -> jinja2.Environment:
+    """The templates of some folders; texts are escaped, and unknown names are errors."""
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folders), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+
+
+def hash_source(text: str) -> str:
+    """A script or style in the words of a content security policy."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
 def rendered_page(template: Path, *, own_script: str, data: dict[str, Any], facts: dict[str, Any]) -> str:
     """A page with a map, one file that needs no network.
 
@@ -75,30 +88,18 @@ def rendered_page(template: Path, *, own_script: str, data: dict[str, Any], fact
         data: for the script, as JSON.
         facts: for the template.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([template.parent, _PAGE]),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment(template.parent, _PAGE)
     environment.filters |= {"percent": _percent, "metres": _metres, "duration": _duration}
-    scripts = [_without_source_map(_read(_LEAFLET / "leaflet.js")), own_script]
-    style = _without_urls(_read(_LEAFLET / "leaflet.css")) + _read(_PAGE / "report.css")
+    leaflet = re.sub(r"^//# sourceMappingURL=.*$", "", _read(_LEAFLET / "leaflet.js"), flags=re.MULTILINE)
+    scripts = [leaflet, own_script]
+    # Without Leaflet's button pictures, which the page does not use and the browser would request from the network.
+    style = re.sub(r"url\([^)]*\)", "none", _read(_LEAFLET / "leaflet.css")) + _read(_PAGE / "report.css")
     return plain_lines(
         environment.get_template(template.name).render(
             scripts=[Markup(script) for script in scripts],
             style=Markup(style),
-            policy="; ".join(
-                [
-                    "default-src 'none'",
-                    "img-src data:",
-                    "script-src " + " ".join(map(_hash_source, scripts)),
-                    "style-src 'unsafe-inline'",
-                    "base-uri 'none'",
-                    "form-action 'none'",
-                ]
-            ),
+            policy=f"default-src 'none'; img-src data:; script-src {' '.join(map(hash_source, scripts))}; "
+            "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'",
             leaflet_licence=_read(_LEAFLET / "LICENSE"),
             data=plain_values(data),
             version=metadata.version("uavcover"),
@@ -223,19 +224,6 @@ def _duration(seconds: float | None) -> str:
 
 def _read(path: Path) -> str:
     return path.read_text(encoding="utf-8")
-
-
-def _without_urls(style: str) -> str:
-    """Remove Leaflet's button pictures, which the page does not use and the browser would request from the network."""
-    return re.sub(r"url\([^)]*\)", "none", style)
-
-
-def _without_source_map(script: str) -> str:
-    return re.sub(r"^//# sourceMappingURL=.*$", "", script, flags=re.MULTILINE)
-
-
-def _hash_source(script: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 
 VERDICT = "verification.json"

@@ -17,7 +17,6 @@ from uavcover.errors import ScenarioError, UavcoverError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.limits import Home
 from uavcover.model.terrain import RasterTerrain
-from uavcover.model.vehicle import Vehicle
 from uavcover.scenario.airspace.zones import check_is_outside
 from uavcover.scenario.obstacles import check_is_clear
 from uavcover.scenario.site import Site
@@ -69,15 +68,13 @@ def on_pads(site: Site) -> Site:
         )
     # One link leads to one vehicle: those of the others are given with --to.
     link = scenario.vehicle.link
-    own = scenario.vehicle if link is None or link.startswith("mock:") else _without_link(site)
+    own = scenario.vehicle
+    if link is not None and not link.startswith("mock:"):
+        own = dataclasses.replace(own, link=None, system_id=None)
     vehicles = tuple(dataclasses.replace(own, home=place) for place in homes)
     return dataclasses.replace(
         site, scenario=dataclasses.replace(scenario, vehicle=own, vehicles=vehicles, home=homes[0])
     )
-
-
-def _without_link(site: Site) -> Vehicle:
-    return dataclasses.replace(site.scenario.vehicle, link=None, system_id=None)
 
 
 def _candidates(site: Site, home_en: FloatArray, spacing_m: float) -> Iterator[tuple[FloatArray, FloatArray]]:

@@ -262,16 +262,9 @@ def polygons_in_metres(outline: Outline, frame: LocalFrame | None) -> Any:
     Raises:
         ScenarioError: they are in degrees, and the frame has no position on Earth.
     """
-
-    def polygon(ring: Ring) -> shapely.Polygon:
-        return _polygon(ring, None, frame) if outline.is_geographic else _polygon(None, ring, frame)
-
-    return shapely.union_all(
-        [
-            polygon(outer).difference(shapely.union_all([polygon(hole) for hole in holes]))
-            for outer, *holes in outline.parts
-        ]
-    )
+    in_metres = functools.partial(_polygon, frame=frame) if outline.is_geographic else shapely.Polygon
+    polygons = [[in_metres(ring) for ring in rings] for rings in outline.parts]
+    return shapely.union_all([outer.difference(shapely.union_all(holes)) for outer, *holes in polygons])
 
 
 def area_as_drawn(site: Site) -> shapely.Polygon | shapely.MultiPolygon:
@@ -311,13 +304,10 @@ def _check_near(
             )
 
 
-def _polygon(lon_lat_deg: Ring | None, east_north_m: Ring | None, frame: LocalFrame | None) -> shapely.Polygon:
-    if east_north_m is not None:
-        return shapely.Polygon(east_north_m)
-    if lon_lat_deg is None or frame is None:
+def _polygon(lon_lat_deg: Ring, frame: LocalFrame | None) -> shapely.Polygon:
+    if frame is None:
         raise ScenarioError("area: a polygon in degrees needs a home or an origin")
-    ring = np.asarray(lon_lat_deg, float)
-    return shapely.Polygon(frame.enu_from_geodetic(ring[:, 1], ring[:, 0], frame.alt_amsl_m)[:, :2])
+    return shapely.Polygon(frame.en_from_lon_lat(lon_lat_deg))
 
 
 def _home_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray | None:
@@ -338,15 +328,14 @@ def rally_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray:
         return np.empty((0, 2))
     if frame is None:
         raise ScenarioError("planner.rally: positions in degrees need a home or an origin")
-    places = np.asarray(given, float)
-    return np.asarray(frame.enu_from_geodetic(places[:, 1], places[:, 0], frame.alt_amsl_m)[:, :2])
+    return frame.en_from_lon_lat(given)
 
 
 def _footprints(scenario: Scenario, frame: LocalFrame | None, places: shapely.Geometry) -> list[Footprint]:
     """The obstacles that stand in area or fence, or near enough to matter there."""
     found = []
     for number, prism in enumerate(scenario.obstacles.prisms):
-        rings = [_polygon(ring, None, frame).exterior for ring in prism.rings_lon_lat_deg]
+        rings = [_polygon(ring, frame).exterior for ring in prism.rings_lon_lat_deg]
         rings += [shapely.LinearRing(ring) for ring in prism.rings_east_north_m]
         polygon = shapely.Polygon(rings[0], rings[1:])
         if polygon.distance(places) <= TERRAIN_MARGIN_M:
@@ -366,9 +355,7 @@ def _fence(
             )
         in_metres = limits.fence_polygons_east_north_m or ()
         in_metres = (limits.fence_east_north_m,) if limits.fence_east_north_m is not None else in_metres
-        parts = [_polygon(ring, None, frame) for ring in in_degrees] or [
-            _polygon(None, ring, frame) for ring in in_metres
-        ]
+        parts = [_polygon(ring, frame) for ring in in_degrees] or [shapely.Polygon(ring) for ring in in_metres]
         for part in parts:
             if not part.is_valid:
                 raise ScenarioError(

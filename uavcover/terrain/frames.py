@@ -64,6 +64,11 @@ class LocalFrame:
         east, north, up = self._pipeline.transform(lon, lat, alt)
         return np.column_stack([east, north, up])
 
+    def en_from_lon_lat(self, lon_lat_deg: ArrayLike) -> FloatArray:
+        """(n, 2) east, north of (n, 2) longitudes and latitudes, degrees, at the height of the origin."""
+        lon, lat = np.asarray(lon_lat_deg, float).reshape(-1, 2).T
+        return np.asarray(self.enu_from_geodetic(lat, lon, self.alt_amsl_m)[:, :2])
+
     def geodetic_from_enu(self, enu_m: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Geodetic positions of local coordinates: the inverse of :meth:`enu_from_geodetic`.
 

@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from uavcover.errors import TerrainError
 from uavcover.kernels import surface as kernels
 from uavcover.kernels.arrays import ByteArray, FloatArray
-from uavcover.kernels.grid import GridFrame, square_frame, steepest_of_finite, steepest_slope
+from uavcover.kernels.grid import GridFrame, square_frame, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
 from uavcover.terrain.pixel_frame import nodes_between, places_of_nodes_m
@@ -69,12 +69,6 @@ class Ground:
         heights = np.broadcast_to(np.asarray(height_agl_m, float), len(en))
         east, north = (np.ascontiguousarray(axis) for axis in en.T)
         return kernels.ups_above(self.surface, east, north, np.ascontiguousarray(heights))
-
-    def lean_error_m(self, climb_m: float) -> float:
-        """Largest change of a height above ground over a vertical climb, beyond the climb itself."""
-        if self.surface.kind != GRID or self.surface.grid.lean == 0.0:
-            return 0.0
-        return climb_m * self.surface.grid.lean * steepest_of_finite(self.surface.up_m, self.surface.grid)
 
     def gradients(self, east_north_m: ArrayLike) -> FloatArray:
         """Slopes (n, 2) of the ground towards east and north at (n, 2) positions, dimensionless."""

@@ -278,9 +278,7 @@ class SuspectPlace:
 
     def in_frame(self, frame: LocalFrame) -> BaseGeometry:
         """The shape on the map of a local frame, (east, north) metres."""
-        return shapely.transform(
-            self.shape, lambda p: frame.enu_from_geodetic(p[:, 1], p[:, 0], frame.alt_amsl_m)[:, :2]
-        )
+        return shapely.transform(self.shape, frame.en_from_lon_lat)
 
 
 def suspect_places(

@@ -170,23 +170,19 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
     horizontal, vertical = uncertainty.position_m, coverage.site.vertical_uncertainty_m
     # a ray shifted sideways by p at the eye and fixed at the cell meets ground that is higher by at most its slope
     # times the shift: the same as lowering the eye by p times the steepest slope.
-    lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
+    # Of the blocks with data: rays over the others see nothing anyway.
+    steepest = float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0)) if horizontal > 0.0 else 0.0
     return Camera(
         focal_px=sensor.focal_px,
         # Every waypoint is an observation of its own, however soon it follows the one before.
         pass_gap_s=wanted.max_gap_s if sensor.looks_along_path else -1.0,
         offset_m=float(np.hypot(horizontal, vertical)),
         horizontal_m=horizontal,
-        lift_m=lift,
+        lift_m=vertical + horizontal * steepest,
         turn_rad=float(np.radians(uncertainty.attitude_deg)) if sensor.is_camera else 0.0,
         needed=wanted.looks,
         apart_m=wanted.look_distance_m or 0.0,
     )
-
-
-def _steepest_known(slopes: LocalSlopes) -> float:
-    """Steepest slope of the blocks with data; rays over the others see nothing anyway."""
-    return float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0))
 
 
 def _finite(values: FloatArray) -> FloatArray:
@@ -291,13 +287,8 @@ class PictureEvidence:
 
 
 NOTHING_KNOWN = PictureEvidence()
-NO_PICTURES = PictureEvidence(
-    findings=(
-        unproved(
-            "photos",
-            "no photo is reported: cells in view of the camera are counted, but no record shows that it took photos "
-            "(--photos)",
-        ),
-    )
+_UNREPORTED = (
+    "no photo is reported: cells in view of the camera are counted, but no record shows that it took photos (--photos)"
 )
+NO_PICTURES = PictureEvidence(findings=(unproved("photos", _UNREPORTED),))
 """Evidence for a flight that was not planned here: no mission of ours triggered its camera."""

@@ -182,21 +182,9 @@ def gaps_geojson(coverage: CoverageMap, regions: Sequence[GapRegion]) -> dict[st
         )
     features = []
     for number, region in enumerate(regions):
-        gap = region.gap
-        outline = cells_outline(coverage, region.cells)
-        features.append(
-            {
-                "type": "Feature",
-                "id": number,
-                "geometry": _geometry(coverage, frame, outline),
-                "properties": {
-                    "reason": gap.reason,
-                    "coverable": gap.coverable,
-                    "cells": gap.cells,
-                    "area_m2": gap.area_m2,
-                },
-            }
-        )
+        geometry = _geometry(coverage, frame, cells_outline(coverage, region.cells))
+        properties = {name: getattr(region.gap, name) for name in ("reason", "coverable", "cells", "area_m2")}
+        features.append({"type": "Feature", "id": number, "geometry": geometry, "properties": properties})
     return {"type": "FeatureCollection", "features": features}
 
 

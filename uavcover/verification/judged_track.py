@@ -140,23 +140,22 @@ def judge_track(
         *_reasons(site, phases, speeds, deviations, broken),
         *_ground_doubts(site, track, enu, here_m, heights, phases),
         *(unproved("evidence", text) for text in unbelieved if text is not None),
-        *(
-            unproved(
-                "no-fly-zones",
-                f"no-fly zone {name}, which is not active in flight_window_utc, was entered; the track has no time of day",
-            )
-            for name in zones_at_unknown_time(site, track, enu, joined)
-        ),
     ]
-    if scenario.requirements.max_deviation_m is not None and deviations is None:
-        findings.append(
-            unproved(
-                "deviation",
-                "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route",
-            )
+    for name in zones_at_unknown_time(site, track, enu, joined):
+        text = (
+            f"no-fly zone {name}, which is not active in flight_window_utc, was entered; the track has no time of day"
         )
+        findings.append(unproved("no-fly-zones", text))
+    if scenario.requirements.max_deviation_m is not None and deviations is None:
+        text = (
+            "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route"
+        )
+        findings.append(unproved("deviation", text))
     source = photo_source or ("reported" if reports_photos(whole) else "predicted")
     photos = photos_of(site, track, enu, route, joined, planned, source=source)
+    findings += map(noted, [*_findings(site, begin, end), *([] if photos is None else photos.findings)])
+    if known.unconfirmed is not None:
+        findings.append(noted(f"{known.unconfirmed}: observations that depend on it are only possibly observed"))
     return JudgedTrack(
         track=track,
         enu_m=enu,
@@ -171,15 +170,7 @@ def judge_track(
         begin=begin,
         end=end,
         unobserved=tuple(unobserved_stretches(site, track, enu, joined, route, motion, kept)),
-        findings=(
-            *findings,
-            *map(noted, [*_findings(site, begin, end), *([] if photos is None else photos.findings)]),
-            *(
-                []
-                if known.unconfirmed is None
-                else [noted(f"{known.unconfirmed}: observations that depend on it are only possibly observed")]
-            ),
-        ),
+        findings=tuple(findings),
         attitude_problems=known.problems,
         photos=photos,
     )
@@ -258,23 +249,18 @@ def _ground_doubts(
     unknown = np.isnan(heights.lowest.values) & ~phases.column
     if unknown.any():
         first = float(track.time_s[int(np.argmax(unknown))])
-        doubts.append(
-            unproved(
-                ("height-band", "transit-clearance", "transit-height"),
-                f"no elevation data under {int(unknown.sum())} samples of the flight, first at {first:.1f} s: their height "
-                "above ground cannot be judged (latitude and longitude may be swapped)",
-            )
+        text = (
+            f"no elevation data under {int(unknown.sum())} samples of the flight, first at {first:.1f} s: their height "
+            "above ground cannot be judged (latitude and longitude may be swapped)"
         )
+        doubts.append(unproved(("height-band", "transit-clearance", "transit-height"), text))
     lowest = int(np.nanargmin(here_m)) if np.isfinite(here_m).any() else 0
     if here_m[lowest] < -ground_tolerance_m(site.scenario):
-        doubts.append(
-            unproved(
-                "evidence",
-                f"positions are below the ground by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
-                f"{place_of(site, enu_m[lowest])}: their heights have a different datum or belong to a different "
-                "location",
-            )
+        text = (
+            f"positions are below the ground by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
+            f"{place_of(site, enu_m[lowest])}: their heights have a different datum or belong to a different location"
         )
+        doubts.append(unproved("evidence", text))
     return doubts
 
 

@@ -4,12 +4,12 @@ Whether a requirement holds is what the findings of the verdict say of it: the t
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from uavcover.model.active_times import window_of
 from uavcover.model.judgement import Holds, Requirement
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import LIMIT_OF, Unobserved, VerificationReport, percent_beside
+from uavcover.model.verdict import LIMIT_OF, VerificationReport, percent_beside
 
 _OTHERS: Mapping[Requirement, str] = {
     "photos": "Photos taken",
@@ -35,50 +35,21 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     """Rows that compare every requirement and limit of a scenario with the verdict on a flight."""
     limits, requirements = scenario.limits, scenario.requirements
     judge = _Judge(report)
-    rows = [
-        judge.share(
-            "coverage",
-            "Coverage of visible ground",
-            requirements.min_coverage_of_coverable,
-            report.coverage_of_coverable,
-        )
-    ]
-    if requirements.min_sure_coverage_of_coverable is not None:
-        rows.append(
-            judge.share(
-                "sure-coverage",
-                "Surely observed visible ground",
-                requirements.min_sure_coverage_of_coverable,
-                report.surely_covered_of_coverable,
-            )
-        )
+    least, sure = requirements.min_coverage_of_coverable, requirements.min_sure_coverage_of_coverable
+    rows = [judge.share("coverage", "Coverage of visible ground", least, report.coverage_of_coverable)]
+    if sure is not None:
+        found = report.surely_covered_of_coverable
+        rows.append(judge.share("sure-coverage", "Surely observed visible ground", sure, found))
     if requirements.min_overlap_fraction is not None:
         rows.append(_overlap_row(requirements.min_overlap_fraction, report, judge))
     rows += _observed_rows(scenario, report, judge)
-    rows.append(
-        RequirementRow(
-            "Height above ground on the route",
-            f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m",
-            f"{_metres(report.min_height_agl_m)} to {_metres(report.max_height_agl_m)}",
-            judge.limit("height-band"),
-        )
-    )
-    rows.append(
-        RequirementRow(
-            "Clearance on outbound and return transit",
-            f"at least {limits.transit_clearance_m:g} m",
-            _metres(report.min_transit_clearance_m),
-            judge.limit("transit-clearance"),
-        )
-    )
-    rows.append(
-        RequirementRow(
-            "Height above ground on transit legs",
-            f"at most {scenario.transit_ceiling_agl_m:g} m",
-            _metres(report.max_transit_height_agl_m),
-            judge.limit("transit-height"),
-        )
-    )
+    wanted = f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m"
+    flown = f"{_metres(report.min_height_agl_m)} to {_metres(report.max_height_agl_m)}"
+    rows.append(judge.limit("height-band", "Height above ground on the route", wanted, flown))
+    wanted, flown = f"at least {limits.transit_clearance_m:g} m", _metres(report.min_transit_clearance_m)
+    rows.append(judge.limit("transit-clearance", "Clearance on outbound and return transit", wanted, flown))
+    wanted, flown = f"at most {scenario.transit_ceiling_agl_m:g} m", _metres(report.max_transit_height_agl_m)
+    rows.append(judge.limit("transit-height", "Height above ground on transit legs", wanted, flown))
     if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
         low = "" if limits.min_alt_amsl_m is None else f"from {limits.min_alt_amsl_m:g} m "
         high = "" if limits.max_alt_amsl_m is None else f"to {limits.max_alt_amsl_m:g} m"
@@ -95,24 +66,12 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
         rows.append(judge.kept("no-fly-zones", "Outside no-fly zones", wanted))
     if requirements.max_ground_speed_m_s is not None:
         fastest = report.max_ground_speed_m_s
-        rows.append(
-            RequirementRow(
-                "Ground speed on the route",
-                f"at most {requirements.max_ground_speed_m_s:g} m/s",
-                "unknown" if fastest is None else f"{fastest:.1f} m/s",
-                judge.limit("ground-speed"),
-            )
-        )
+        wanted = f"at most {requirements.max_ground_speed_m_s:g} m/s"
+        flown = "unknown" if fastest is None else f"{fastest:.1f} m/s"
+        rows.append(judge.limit("ground-speed", "Ground speed on the route", wanted, flown))
     if requirements.max_deviation_m is not None:
-        deviation = report.max_deviation_m
-        rows.append(
-            RequirementRow(
-                "Deviation from the planned route",
-                f"at most {requirements.max_deviation_m:g} m",
-                _metres(deviation),
-                judge.limit("deviation"),
-            )
-        )
+        wanted, flown = f"at most {requirements.max_deviation_m:g} m", _metres(report.max_deviation_m)
+        rows.append(judge.limit("deviation", "Deviation from the planned route", wanted, flown))
     return [*rows, *judge.others()]
 
 
@@ -120,12 +79,8 @@ def _overlap_row(asked: float, report: VerificationReport, judge: "_Judge") -> R
     pictures = report.pictures
     found = None if pictures is None else pictures.overlap_fraction
     number = "" if pictures is None or pictures.asked is None else f" {pictures.asked}"
-    return RequirementRow(
-        f"Area in at least{number} photos (required overlap)",
-        f"at least {100.0 * asked:g} %",
-        "unknown" if found is None else percent_beside(found, asked),
-        judge.holds("overlap"),
-    )
+    name = f"Area in at least{number} photos (required overlap)"
+    return judge.row("overlap", name, f"at least {100.0 * asked:g} %", _share(found, asked))
 
 
 def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judge") -> list[RequirementRow]:
@@ -133,31 +88,17 @@ def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judg
     requirements = scenario.requirements
     missing = report.unobserved_route_fraction
     longest_s = max((stretch.duration_s for stretch in report.unobserved if stretch.in_flight), default=0.0)
-    open_ends = [stretch for stretch in report.unobserved if _is_open_end(stretch)]
+    outer = ("before the first sample", "after the last sample")
+    ends = "; ".join(stretch.detail for stretch in report.unobserved if stretch.reason in outer) or "yes"
+    most, most_s = requirements.max_unobserved_fraction, f"at most {requirements.max_unobserved_gap_s:g} s"
+    gap = "Longest interval in flight without evidence"
     return [
-        RequirementRow(
-            "Route time without evidence",
-            f"at most {100.0 * requirements.max_unobserved_fraction:g} %",
-            "unknown" if missing is None else percent_beside(missing, requirements.max_unobserved_fraction),
-            judge.holds("unobserved-fraction"),
+        judge.row(
+            "unobserved-fraction", "Route time without evidence", f"at most {100.0 * most:g} %", _share(missing, most)
         ),
-        RequirementRow(
-            "Longest interval in flight without evidence",
-            f"at most {requirements.max_unobserved_gap_s:g} s",
-            f"{longest_s:.1f} s",
-            judge.holds("unobserved-gap"),
-        ),
-        RequirementRow(
-            "Track starts and ends on the ground",
-            "always",
-            "; ".join(stretch.detail for stretch in open_ends) or "yes",
-            judge.holds("ends"),
-        ),
+        judge.row("unobserved-gap", gap, most_s, f"{longest_s:.1f} s"),
+        judge.row("ends", "Track starts and ends on the ground", "always", ends),
     ]
-
-
-def _is_open_end(stretch: Unobserved) -> bool:
-    return stretch.reason in {"before the first sample", "after the last sample"}
 
 
 class _Judge:
@@ -167,46 +108,41 @@ class _Judge:
         self._report = report
         self._told: set[Requirement] = set()
 
-    def holds(self, requirement: Requirement) -> Holds:
-        """Whether a requirement holds."""
+    def row(self, requirement: Requirement, name: str, asked: str, found: str) -> RequirementRow:
+        """A requirement with what was found."""
         self._told.add(requirement)
-        return self._report.judgement.holds(requirement)
+        return RequirementRow(name, asked, found, self._report.judgement.holds(requirement))
 
     @property
     def _observed(self) -> bool:
         return self._report.judgement.holds("unobserved-fraction", "unobserved-gap", "ends") == "yes"
 
-    def limit(self, requirement: Requirement) -> Holds:
-        """Whether a limit was kept, as far as it was observed."""
-        holds = self.holds(requirement)
-        return holds if holds != "yes" or self._observed else "not proved"
+    def limit(self, requirement: Requirement, name: str, asked: str, found: str) -> RequirementRow:
+        """A limit, which is kept only as far as the flight was observed."""
+        row = self.row(requirement, name, asked, found)
+        return row if row.holds != "yes" or self._observed else replace(row, holds="not proved")
 
     def kept(self, requirement: Requirement, name: str, asked: str) -> RequirementRow:
         """A limit without a figure."""
         number = sum(LIMIT_OF[violation.kind] == requirement for violation in self._report.violations)
         kept = "kept" if self._observed else "kept where it was observed"
         found = kept if number == 0 else f"left {number} time{'s' if number > 1 else ''}"
-        return RequirementRow(name, asked, found, self.limit(requirement))
+        return self.limit(requirement, name, asked, found)
 
     def share(self, requirement: Requirement, name: str, asked: float, found: float) -> RequirementRow:
         """A share of the area."""
-        return RequirementRow(
-            name, f"at least {100.0 * asked:g} %", percent_beside(found, asked), self.holds(requirement)
-        )
+        return self.row(requirement, name, f"at least {100.0 * asked:g} %", _share(found, asked))
 
     def others(self) -> list[RequirementRow]:
         """Findings that decided the verdict and have no row yet, so that the table and the verdict say the same."""
         findings = [finding for finding in self._report.judgement.findings if finding.effect != "noted"]
         concerned = dict.fromkeys(name for finding in findings for name in finding.concerns if name not in self._told)
-        return [
-            RequirementRow(
-                _OTHERS.get(name, name),
-                "always",
-                "; ".join(f.text for f in findings if name in f.concerns),
-                self.holds(name),
-            )
-            for name in concerned
-        ]
+        texts = {name: "; ".join(f.text for f in findings if name in f.concerns) for name in concerned}
+        return [self.row(name, _OTHERS.get(name, name), "always", text) for name, text in texts.items()]
+
+
+def _share(found: float | None, asked: float) -> str:
+    return "unknown" if found is None else percent_beside(found, asked)
 
 
 def _metres(value: float | None) -> str:

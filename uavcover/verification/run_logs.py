@@ -115,18 +115,14 @@ def dated(track: Track, bounds: DateBounds) -> tuple[Track, tuple[str, ...]]:
     if not wrong:
         return track, ()
     text = f"the track's date, {window_in_words(window)}, is not plausible: {'; '.join(wrong)}"
-    later_s = track.unix_time_s + ROLLOVER_S
-    if (
-        not [*_date_problems(replace(track, unix_time_s=later_s), bounds)]
-        and (later := flown_window(later_s)) is not None
-    ):
+    later = replace(track, unix_time_s=track.unix_time_s + ROLLOVER_S)
+    window = flown_window(later.unix_time_s)
+    if window is not None and not any(_date_problems(later, bounds)):
         text += (
-            f"; 1,024 weeks later it is plausible ({window_in_words(later)}): the receiver's week number rolled over"
+            f"; 1,024 weeks later it is plausible ({window_in_words(window)}): the receiver's week number rolled over"
         )
-    unknown = np.full(len(track), np.nan)
-    return replace(track, unix_time_s=unknown), (
-        f"{text}. No-fly zones with times are judged as if the time were unknown",
-    )
+    text += ". No-fly zones with times are judged as if the time were unknown"
+    return replace(track, unix_time_s=np.full(len(track), np.nan)), (text,)
 
 
 def clocks_apart(track: Track) -> str | None:
@@ -238,15 +234,11 @@ def _of_its_standing(path: Path) -> list[str]:
     """Finding on the track of a flight that still goes on, or that was not followed to its end."""
     if path.name != TRACK:
         return []
-    match provenance.settled_ending(RunFolder(path.parent)):
-        case provenance.FLYING:
-            return [f"{path}: this flight is still in progress; later observations are not in the track yet"]
-        case provenance.INTERRUPTED:
-            return [
-                f"{path}: this flight was interrupted: the program that followed it ended early; continue with fly --resume"
-            ]
-        case _:
-            return []
+    words = {
+        provenance.FLYING: "is still in progress; later observations are not in the track yet",
+        provenance.INTERRUPTED: "was interrupted: the program that followed it ended early; continue with fly --resume",
+    }.get(provenance.settled_ending(RunFolder(path.parent)) or "")
+    return [] if words is None else [f"{path}: this flight {words}"]
 
 
 def read_planned_route(run: RunFolder) -> PlannedRoute | None:

@@ -84,13 +84,9 @@ def commanded_pace_doubt(
     under_way = level > SAFETY.under_way * vehicle.cruise_speed_m_s
     cruise = vehicle.cruise_speed_m_s
     tell = "; the clock or the positions are scaled, or the flight differs from the plan"
+    fast = float(np.percentile(level[under_way], 95.0)) if under_way.any() else 0.0
     for what, sustained, wanted, most in (
-        (
-            "flies",
-            float(np.percentile(level[under_way], 95.0)) if under_way.any() else 0.0,
-            cruise,
-            1.25 * cruise + 2.0,
-        ),
+        ("flies", fast, cruise, 1.25 * cruise + 2.0),
         ("climbs", float(vertical.max()), vehicle.max_climb_m_s, 1.25 * vehicle.max_climb_m_s + 1.0),
         ("descends", float(-vertical.min()), vehicle.max_descent_m_s, 1.25 * vehicle.max_descent_m_s + 1.0),
     ):

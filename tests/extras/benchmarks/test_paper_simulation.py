@@ -20,7 +20,6 @@ from uavcover.extras.benchmarks.paper.results import (
     write_results,
 )
 from uavcover.extras.benchmarks.paper.runs import (
-    ALGORITHMS,
     READINGS,
     TABLE_5,
     Figures,
@@ -36,7 +35,7 @@ SMALL = {"population": 20, "iterations": 3}
 
 def made(path: Path, readings: tuple[str, ...], runs: int, processes: int) -> KeptRuns:
     folder = KeptRuns(path, SMALL)
-    wanted = paper_runs(readings, ALGORITHMS, runs)
+    wanted = paper_runs(readings, runs)
     assert list(make_runs(folder, wanted, population=20, iterations=3, processes=processes)) or not wanted
     return folder
 
@@ -114,7 +113,7 @@ class TestRuns:
                 assert by_weights([one]).figures == one.front[one.chosen]
 
     def test_first_runs_first(self) -> None:
-        keys = [run.key for run in paper_runs(("planar", "R2-ray"), ALGORITHMS, 2)]
+        keys = [run.key for run in paper_runs(("planar", "R2-ray"), 2)]
         assert keys[:4] == ["planar/modbo/1", "planar/imodbo/1", "R2-ray/modbo/1", "R2-ray/imodbo/1"]
         assert len(keys) == 8
 

@@ -232,19 +232,8 @@ def test_a_repaired_mission_is_checked_again(cli: Cli, tmp_path: Path, name: str
     assert (ended.code, ended.document["verdict"], ended.document["file"]) == (0, "passed", str(fixed))
     assert file.read_bytes() == before
     assert len(read_mission(fixed).items) >= 5
-    unchanged = cli(
-        "check",
-        fixed,
-        "--dem",
-        DEM,
-        "--return-height",
-        "500m",
-        "--max-height",
-        "none",
-        "--fix",
-        "-o",
-        tmp_path / f"2{file.suffix}",
-    )
+    options = ["--return-height", "500m", "--max-height", "none", "--fix", "-o"]
+    unchanged = cli("check", fixed, "--dem", DEM, *options, tmp_path / f"2{file.suffix}")
     assert unchanged.code == 0
     assert "no file was written" in unchanged.out
 
@@ -260,19 +249,8 @@ def test_routes_of_points_have_a_take_off_and_no_home(cli: Cli, tmp_path: Path, 
     ended = cli("check", file, "--dem", DEM, "--home", "36.4762,-84.2160", "--return-height", "70m")
     assert ended.code == 0, ended.out
     assert "point 1" in ended.out
-    fixed = cli(
-        "check",
-        file,
-        "--dem",
-        DEM,
-        "--home",
-        "36.4762,-84.2160",
-        "--min-height",
-        "90m",
-        "--fix",
-        "-o",
-        tmp_path / "f.waypoints",
-    )
+    options = ["--home", "36.4762,-84.2160", "--min-height", "90m", "--fix", "-o"]
+    fixed = cli("check", file, "--dem", DEM, *options, tmp_path / "f.waypoints")
     assert "raised" in fixed.out, fixed
 
 

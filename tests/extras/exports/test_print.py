@@ -79,15 +79,18 @@ def test_it_needs_nothing_from_elsewhere_and_runs_nothing(split: tuple[Site, tup
     assert policy.startswith("default-src 'none'; style-src 'sha256-")
 
 
+def drawn_lines(site: Site, flights: tuple[Sortie, ...], stroke_width: str) -> list[np.ndarray]:
+    """Lines of one width on the page, one for each flight."""
+    paths = [a for tag, a in Elements(page_of(site, flights)).found if tag == "path"]
+    drawn = [places(a["d"]) for a in paths if a.get("stroke-width") == stroke_width]
+    assert len(drawn) == len(flights)
+    return drawn
+
+
 def test_the_map_is_true_to_scale(split: tuple[Site, tuple[Sortie, ...]]) -> None:
     """Every corner of every flight is on the map, turned and scaled by nothing but one factor, north up."""
     site, flights = split
-    drawn = [
-        places(a["d"])
-        for tag, a in Elements(page_of(site, flights)).found
-        if tag == "path" and a.get("stroke-width") == "1.5"
-    ]
-    assert len(drawn) == len(flights)
+    drawn = drawn_lines(site, flights, "1.5")
     factors = []
     for path, sortie in zip(drawn, flights, strict=True):
         route_m = sortie.compiled.path_m[:, :2]
@@ -103,12 +106,7 @@ def test_the_map_is_true_to_scale(split: tuple[Site, tuple[Sortie, ...]]) -> Non
 
 def test_the_profile_keeps_heights_in_proportion(split: tuple[Site, tuple[Sortie, ...]]) -> None:
     site, flights = split
-    drawn = [
-        places(a["d"])
-        for tag, a in Elements(page_of(site, flights)).found
-        if tag == "path" and a.get("stroke-width") == "1.4"
-    ]
-    assert len(drawn) == len(flights)
+    drawn = drawn_lines(site, flights, "1.4")
     for path, sortie in zip(drawn, flights, strict=True):
         alts = site.alts_amsl_m(sortie.compiled.path_m)
         assert np.corrcoef(path[:, 1], alts)[0, 1] < -0.9999

@@ -129,16 +129,8 @@ def test_without_camera_and_sample_distance_the_pictures_tell_both(cli, tmp_path
     assert ended.code == 0, ended.err
     assert (tmp_path / "out/camera.toml").read_text().count("12.29") == 2
     assert ended.document["overlap_holds"] is None
-    again = cli(
-        "judge-photos",
-        tmp_path / "DCIM",
-        "--scenario",
-        tmp_path / "out",
-        "-o",
-        tmp_path / "two",
-        "--no-refly",
-        "--json",
-    )
+    folders = tmp_path / "DCIM", "--scenario", tmp_path / "out", "-o", tmp_path / "two"
+    again = cli("judge-photos", *folders, "--no-refly", "--json")
     assert again.document["counted"] == len(flown)
 
 

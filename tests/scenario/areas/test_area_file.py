@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pyproj import Geod
 
 from tests.scenario.areas import written
+from tests.scenario.scenario_texts import survey_text
 from uavcover.errors import InputError, ScenarioError
 from uavcover.scenario.areas.area_file import AreaQuery, is_area_file, is_area_text, read_area
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
@@ -255,34 +256,12 @@ def test_mended_area_is_the_outline_without_any_hole(drawn):
         assert mended.covers(place) == (in_outline and not in_hole), (source, place.wkt)
 
 
-SCENARIO = """
-name = "a"
-[area]
-cell_size_m = 10.0
-file = "sub/area.kml"
-feature = "field 2"
-[terrain]
-kind = "raster"
-file = "bundled:jacksboro.tif"
-vertical_datum = "EGM96"
-[home]
-lat_deg = 36.48
-lon_deg = -84.22
-[sensor]
-kind = "nadir-camera"
-fov_deg = 70.0
-range_m = 200.0
-[limits]
-min_height_agl_m = 40.0
-max_height_agl_m = 120.0
-"""
-
-
 def test_a_scenario_names_such_a_file_and_is_whole_without_it(tmp_path):
     geographic, _, _ = written.at_place(written.drawn_parts(9, 2, 1), "Tennessee")
     (tmp_path / "sub").mkdir()
     written.kml(tmp_path / "sub" / "area.kml", geographic)
-    scenario = parse_scenario(SCENARIO, source="a.toml", folder=tmp_path)
+    text = survey_text('file = "sub/area.kml"\nfeature = "field 2"', '"bundled:jacksboro.tif"', (36.48, -84.22))
+    scenario = parse_scenario(text, source="a.toml", folder=tmp_path)
     truth = in_metres([rings(geographic[1])], "Tennessee")
     assert in_metres(scenario.area.parts, "Tennessee").symmetric_difference(truth).area < 1e-3
     assert scenario.area.file is None

@@ -9,6 +9,7 @@ import pytest
 import shapely
 
 from tests.scenario.areas import written
+from tests.scenario.scenario_texts import survey_text
 from uavcover.errors import InputError, ScenarioError
 from uavcover.scenario.areas import gis_file
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
@@ -111,37 +112,14 @@ def test_a_bad_file_is_one_line_with_the_way_out(tmp_path, what):
     assert message.startswith(str(tmp_path / name))
 
 
-SCENARIO = """
-name = "a"
-[area]
-cell_size_m = 5.0
-file = "a.geojson"
-[terrain]
-kind = "raster"
-file = "d.tif"
-vertical_datum = "EGM96"
-[home]
-lat_deg = 46.5
-lon_deg = 8.0
-[sensor]
-kind = "disc"
-radius_m = 50.0
-[limits]
-min_height_agl_m = 40.0
-max_height_agl_m = 90.0
-"""
-
-
 def test_a_scenario_tells_the_same_with_its_key(tmp_path):
     (tmp_path / "a.geojson").write_text(named(BOW_TIE), encoding="utf-8")
-    with pytest.raises(
-        ScenarioError, match=r"area\.file: .*a\.geojson, feature 1 \(north\): the outline crosses itself"
+    for area, words in (
+        ('file = "a.geojson"', r"area\.file: .*a\.geojson, feature 1 \(north\): the outline crosses itself"),
+        ('geojson = "a.geojson"\nlayer = "b"', r"area\.layer: this key requires file"),
     ):
-        parse_scenario(SCENARIO, source="s.toml", folder=tmp_path)
-    with pytest.raises(ScenarioError, match=r"area\.layer: this key requires file"):
-        parse_scenario(
-            SCENARIO.replace('file = "a.geojson"', 'geojson = "a.geojson"\nlayer = "b"'), source="s", folder=tmp_path
-        )
+        with pytest.raises(ScenarioError, match=words):
+            parse_scenario(survey_text(area, '"d.tif"', (46.5, 8.0)), source="s.toml", folder=tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -14,28 +14,33 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
-from pyproj import Transformer
 
-from uavcover.errors import InfeasibleError, InputError
-from uavcover.extras.benchmarks.runs import KeptRuns, completed
+from uavcover.errors import InputError
+from uavcover.extras.benchmarks.flat_sites import (
+    CRS,
+    HEIGHT_M,
+    earth_from_metres,
+    flat_site,
+    home_en_m,
+    plan_each,
+    planned,
+)
+from uavcover.extras.benchmarks.runs import KeptRuns
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
-from uavcover.planner.planner import Effort, plan_routes
-from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.site import Site
 
 SPEED_M_S, ACCELERATION_M_S2, REACH_M = 3.0, 1.0, 1.5
 REQUIRED = 0.9998
 """Of the cells; the published routes see 99.976 to 100 % of the areas."""
 
-_HEIGHT_M, _PIXEL_M, _AROUND_M, _ALT_AMSL_M = 20.0, 2.0, 100.0, 100.0
+_PIXEL_M, _AROUND_M = 2.0, 100.0
 _CLEAR_M = 0.1
 """Home stands this far outside of buildings, on whose corners the published routes begin."""
-
-_LAT_DEG, _LON_DEG = 46.0, 10.0
-_CRS = f"+proj=tmerc +lat_0={_LAT_DEG} +lon_0={_LON_DEG} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 
 _SCENARIO = """\
 name = {name}
@@ -140,7 +145,7 @@ def _rings(path: Path) -> list[FloatArray]:
 
 def site_of(area: PublishedArea, folder: Path) -> tuple[Site, FloatArray]:
     """The site of an area, its files written to a folder, and the place of home in the dataset's coordinates."""
-    to_earth = Transformer.from_crs(_CRS, 4326, always_xy=True)
+    to_earth = earth_from_metres()
     free = area.outline.buffer(-_CLEAR_M)
     home_m = shapely.get_coordinates(shapely.shortest_line(free, shapely.Point(area.route_m[0])))[0]
 
@@ -150,23 +155,18 @@ def site_of(area: PublishedArea, folder: Path) -> tuple[Site, FloatArray]:
 
     west, south, east, north = area.outline.bounds
     columns, rows = (math.ceil((side + 2.0 * _AROUND_M) / _PIXEL_M) for side in (east - west, north - south))
-    (folder / "dem.asc").write_text(
-        f"ncols {columns}\nnrows {rows}\nxllcorner {west - _AROUND_M}\nyllcorner {south - _AROUND_M}\n"
-        f"cellsize {_PIXEL_M}\nNODATA_value -9999\n" + (f"{_ALT_AMSL_M} " * columns + "\n") * rows,
-        encoding="utf-8",
-    )
     zones = "".join(
         f"[[no_fly]]\nmargin_m = 0.0\npolygon_lon_lat_deg = {json.dumps(on_earth(ring))}\n"
         for ring in area.outline.interiors
     )
     text = _SCENARIO.format(
-        name=json.dumps(area.name), required=REQUIRED, crs=_CRS, zones=zones, height_m=_HEIGHT_M, speed=SPEED_M_S,
+        name=json.dumps(area.name), required=REQUIRED, crs=CRS, zones=zones, height_m=HEIGHT_M, speed=SPEED_M_S,
         area=json.dumps([[on_earth(ring) for ring in (area.outline.exterior, *area.outline.interiors)]]),
-        home=[float(value) for value in to_earth.transform(*home_m)], low_m=_HEIGHT_M - 1.0, high_m=_HEIGHT_M + 1.0,
-        fov_deg=2.0 * math.degrees(math.atan(REACH_M / _HEIGHT_M)), acceleration=ACCELERATION_M_S2,
+        home=[float(value) for value in to_earth.transform(*home_m)], low_m=HEIGHT_M - 1.0, high_m=HEIGHT_M + 1.0,
+        fov_deg=2.0 * math.degrees(math.atan(REACH_M / HEIGHT_M)), acceleration=ACCELERATION_M_S2,
     )  # fmt: skip
-    (folder / "scenario.toml").write_text(text, encoding="utf-8")
-    site = load_site(str(folder / "scenario.toml"))
+    corner_m = (west - _AROUND_M, south - _AROUND_M)
+    site = flat_site(folder, text, corner_m=corner_m, shape=(rows, columns), pixel_m=_PIXEL_M)
     vehicle = site.scenario.vehicle
     stopping = StoppingVehicle(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(vehicle) if f.init})
     return dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, vehicle=stopping)), home_m
@@ -174,40 +174,30 @@ def site_of(area: PublishedArea, folder: Path) -> tuple[Site, FloatArray]:
 
 @dataclass(frozen=True, slots=True)
 class _AreaTask:
-    folder: Path
     data: Path
     name: str
     budget_s: float
 
 
-def _run(task: _AreaTask) -> None:
-    """Plan an area, and keep the costs and the coverage of both routes."""
+def _run(task: _AreaTask) -> dict[str, Any]:
+    """Plan an area: the costs and the coverage of both routes."""
     area, begin = read_area(task.data, task.name), time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         site, home_m = site_of(area, Path(scratch))
-        effort = Effort(site.scenario.planner.evaluations, task.budget_s, time.process_time)
-        try:
-            plan = plan_routes(site, settings=site.scenario.planner, select_rule=site.scenario.select, effort=effort)
-        except InfeasibleError as error:
-            raise InfeasibleError(f"{task.name}: {error}") from error
-    home = np.zeros(2) if site.home_m is None else site.home_m[:2]
+        plan = planned(site, task.name, task.budget_s)
+    home = home_en_m(site)
     route_m = np.vstack([home, plan.chosen.route.waypoints_m[:, :2], home]) + (home_m - home)
-    KeptRuns(task.folder, {}).write(
-        task.name,
-        {
-            "holes": len(area.outline.interiors), "cost_s": cost_s(route_m), "published_s": cost_s(area.route_m),
-            "seen": area.seen(route_m), "published_seen": area.seen(area.route_m), "made_by": plan.chosen.origin,
-            "crosses_m": float(shapely.difference(shapely.LineString(route_m), area.outline.buffer(0.01)).length),
-            "cpu_s": time.process_time() - begin,
-        },
-    )  # fmt: skip
+    return {
+        "holes": len(area.outline.interiors), "cost_s": cost_s(route_m), "published_s": cost_s(area.route_m),
+        "seen": area.seen(route_m), "published_seen": area.seen(area.route_m), "made_by": plan.chosen.origin,
+        "crosses_m": float(shapely.difference(shapely.LineString(route_m), area.outline.buffer(0.01)).length),
+        "cpu_s": time.process_time() - begin,
+    }  # fmt: skip
 
 
 def plan_areas(folder: KeptRuns, names: Sequence[str], *, data: Path, budget_s: float, processes: int) -> Iterator[str]:
     """Plan areas side by side; the name of each that is done."""
-    tasks = [_AreaTask(folder.path, data, name, budget_s) for name in names]
-    for task, _ in completed(_run, tasks, processes=processes):
-        yield task.name
+    return plan_each(folder, _run, [_AreaTask(data, name, budget_s) for name in names], processes=processes)
 
 
 def table_lines(folder: KeptRuns) -> list[str]:

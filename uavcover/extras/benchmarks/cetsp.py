@@ -17,20 +17,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pyproj import Transformer
 
-from uavcover.errors import InfeasibleError, InputError
-from uavcover.extras.benchmarks.runs import KeptRuns, completed
+from uavcover.errors import InputError
+from uavcover.extras.benchmarks.flat_sites import (
+    CRS,
+    HEIGHT_M,
+    LAT_DEG,
+    LON_DEG,
+    earth_from_metres,
+    flat_site,
+    home_en_m,
+    plan_each,
+    planned,
+)
+from uavcover.extras.benchmarks.runs import KeptRuns
 from uavcover.kernels.arrays import FloatArray
-from uavcover.planner.planner import Effort, plan_routes
-from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.site import Site
 
-_RADIUS_M, _HEIGHT_M, _ALT_AMSL_M, _PIXELS = 50.0, 20.0, 100.0, 60
+_RADIUS_M, _PIXELS = 50.0, 60
 _SHARED = 1e-3
 """Of a radius: published positions have five digits."""
-
-_LAT_DEG, _LON_DEG = 46.0, 10.0
-_CRS = f"+proj=tmerc +lat_0={_LAT_DEG} +lon_0={_LON_DEG} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 
 _SCENARIO = """\
 name = {name}
@@ -95,10 +101,8 @@ def read_instances(data: Path) -> dict[str, Instance]:
     Raises:
         InputError: there is none, or a file cannot be read.
     """
-    files, tours = (
-        sorted(data.rglob("benchmark.json.gz")),
-        {path.stem: path for path in data.rglob("solutions/*/*.txt")},
-    )
+    files = sorted(data.rglob("benchmark.json.gz"))
+    tours = {path.stem: path for path in data.rglob("solutions/*/*.txt")}
     if not files or not tours:
         what = "benchmark.json.gz (d-krupke/close-enough-tsp)" if not files else "solutions/*/*.txt (MA-CETSP)"
         raise InputError(f"{data}: no {what}; name a folder with copies of both repositories")
@@ -160,67 +164,50 @@ def site_of(instance: Instance, folder: Path) -> Site:
     (west, south), (east, north) = np.minimum(moved.min(axis=0), 0.0), np.maximum(moved.max(axis=0), 0.0)
     around = 0.1 * max(east - west, north - south) + 10.0 * _RADIUS_M
     pixel = (max(east - west, north - south) + 2.0 * around) / _PIXELS
-    to_earth = Transformer.from_crs(_CRS, 4326, always_xy=True)
-    corners = [
-        (west - 1.0, south - 1.0),
-        (east + 1.0, south - 1.0),
-        (east + 1.0, north + 1.0),
-        (west - 1.0, north + 1.0),
-    ]
-    (folder / "dem.asc").write_text(
-        f"ncols {_PIXELS}\nnrows {_PIXELS}\nxllcorner {west - around}\nyllcorner {south - around}\n"
-        f"cellsize {pixel}\nNODATA_value -9999\n" + (f"{_ALT_AMSL_M} " * _PIXELS + "\n") * _PIXELS,
-        encoding="utf-8",
-    )
+    to_earth = earth_from_metres()
+    left, bottom, right, top = west - 1.0, south - 1.0, east + 1.0, north + 1.0
+    corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
     text = _SCENARIO.format(
-        name=json.dumps(instance.name), crs=_CRS, lat_deg=_LAT_DEG, lon_deg=_LON_DEG, radius_m=_RADIUS_M,
+        name=json.dumps(instance.name), crs=CRS, lat_deg=LAT_DEG, lon_deg=LON_DEG, radius_m=_RADIUS_M,
         area=json.dumps([list(map(float, to_earth.transform(*corner))) for corner in corners]),
-        low_m=_HEIGHT_M - 1.0, high_m=_HEIGHT_M + 1.0, height_m=_HEIGHT_M, waypoints=len(moved) + 10,
+        low_m=HEIGHT_M - 1.0, high_m=HEIGHT_M + 1.0, height_m=HEIGHT_M, waypoints=len(moved) + 10,
     )  # fmt: skip
-    (folder / "scenario.toml").write_text(text, encoding="utf-8")
-    site = load_site(str(folder / "scenario.toml"))
-    home = np.zeros(2) if site.home_m is None else site.home_m[:2]
+    corner_m = (west - around, south - around)
+    site = flat_site(folder, text, corner_m=corner_m, shape=(_PIXELS, _PIXELS), pixel_m=pixel)
     # Turns take no time, so that the mission time grows with the length of the tour.
     vehicle = replace(site.scenario.vehicle, acceleration_m_s2=math.inf)
-    return replace(site, targets_m=moved + home, scenario=replace(site.scenario, vehicle=vehicle))
+    return replace(site, targets_m=moved + home_en_m(site), scenario=replace(site.scenario, vehicle=vehicle))
 
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    folder: Path
     instance: Instance
     budget_s: float
 
+    @property
+    def name(self) -> str:
+        return self.instance.name
 
-def _run(task: _Task) -> None:
-    """Plan an instance, and keep the length of the tour and the number of discs that it does not see."""
+
+def _run(task: _Task) -> dict[str, Any]:
+    """Plan an instance: the length of the tour and the number of discs that it does not see."""
     instance, begin = task.instance, time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         site = site_of(instance, Path(scratch))
-        effort = Effort(site.scenario.planner.evaluations, task.budget_s, time.process_time)
-        try:
-            plan = plan_routes(site, settings=site.scenario.planner, select_rule=site.scenario.select, effort=effort)
-        except InfeasibleError as error:
-            raise InfeasibleError(f"{instance.name}: {error}") from error
-    home = np.zeros(2) if site.home_m is None else site.home_m[:2]
-    places = (plan.chosen.route.waypoints_m[:, :2] - home) * (instance.radius / _RADIUS_M) + instance.home
-    KeptRuns(task.folder, {}).write(
-        instance.name,
-        {
-            "discs": len(instance.centres), "length": tour_length(np.vstack([instance.home, places])),
-            "best_known": instance.best_known, "unseen": instance.unseen(places), "waypoints": len(places),
-            "cpu_s": time.process_time() - begin,
-        },
-    )  # fmt: skip
+        plan = planned(site, task.name, task.budget_s)
+    places = (plan.chosen.route.waypoints_m[:, :2] - home_en_m(site)) * (instance.radius / _RADIUS_M) + instance.home
+    return {
+        "discs": len(instance.centres), "length": tour_length(np.vstack([instance.home, places])),
+        "best_known": instance.best_known, "unseen": instance.unseen(places), "waypoints": len(places),
+        "cpu_s": time.process_time() - begin,
+    }  # fmt: skip
 
 
 def plan_instances(
     folder: KeptRuns, instances: Sequence[Instance], *, budget_s: float, processes: int
 ) -> Iterator[str]:
     """Plan instances side by side; the name of each that is done."""
-    tasks = [_Task(folder.path, instance, budget_s) for instance in instances]
-    for task, _ in completed(_run, tasks, processes=processes):
-        yield task.instance.name
+    return plan_each(folder, _run, [_Task(instance, budget_s) for instance in instances], processes=processes)
 
 
 def table_lines(folder: KeptRuns) -> list[str]:

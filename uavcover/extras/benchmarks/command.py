@@ -1,16 +1,21 @@
 """``uavcover bench``: the benchmarks of this project, each a command of its own."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from uavcover.cli import options
 from uavcover.cli.ending import ending_well
 from uavcover.cli.options import Overview, one_by_one
+from uavcover.errors import InputError
+
+if TYPE_CHECKING:
+    from uavcover.cli.console import Console
+    from uavcover.extras.benchmarks.runs import KeptRuns
 
 bench = typer.Typer(
     cls=Overview,
@@ -66,7 +71,6 @@ def bench_coverage(
     You can stop the benchmark at any time and repeat the command to continue. The most informative runs come first. A
     run with a long budget also provides the results of shorter budgets. Results: table.md, runs.csv and coverage.png.
     """
-    from uavcover.errors import InputError
     from uavcover.extras.benchmarks.coverage.contenders import CONTENDERS
     from uavcover.extras.benchmarks.coverage.judging import CASES
     from uavcover.extras.benchmarks.coverage.results import write_results
@@ -82,8 +86,7 @@ def bench_coverage(
     chosen_scenarios = options.names("--scenarios", scenarios, CASES)
     chosen_algorithms = options.names("--algorithms", algorithms, CONTENDERS)
     times_s = _seconds(each.times)
-    if out is None:
-        raise InputError("-o/--out: name the folder of the results, as: uavcover bench coverage -o coverage")
+    out = _given(out, "coverage -o coverage")
     folder = KeptRuns(out, {"benchmark": "coverage"})
     with folder.reserved():
         wanted = wanted_runs(
@@ -111,15 +114,38 @@ def bench_coverage(
             )
             raise
         files = write_results(folder, command=_command(scenarios, algorithms, each))
+    return _said(console, files, runs=len(wanted), made=len(missing))
+
+
+def _given(out: Path | None, example: str) -> Path:
+    if out is None:
+        raise InputError(f"-o/--out: name the folder of the results, as: uavcover bench {example}")
+    return out
+
+
+def _show(console: "Console", what: str, made: Iterable[str], total: int) -> None:
+    with console.progress(what, total=total) as bar:
+        for done, name in enumerate(made, start=1):
+            bar.update(done, note=f"{done} of {total}, last {name}")
+
+
+def _follow(console: "Console", what: str, made: Iterable[str], total: int, *, kept_in: Path) -> None:
+    """Show each that is made; if the user stops it, say how to continue."""
+    try:
+        _show(console, what, made, total)
+    except KeyboardInterrupt:
+        console.warn(f"stopped; the {what} that are done are in {kept_in}: repeat the command to continue")
+        raise
+
+
+def _said(console: "Console", files: Sequence[Path], *, runs: int, made: int) -> int:
     for file in files:
         console.say(f"written: {file}")
-    console.result({"runs": len(wanted), "made": len(missing), "files": [str(file) for file in files]})
+    console.result({"runs": runs, "made": made, "files": [str(file) for file in files]})
     return 0
 
 
 def _seconds(text: str) -> list[float]:
-    from uavcover.errors import InputError
-
     try:
         times_s = [float(part) for part in text.split(",")]
     except ValueError:
@@ -161,14 +187,12 @@ def bench_link(
     mission_io over UDP and MAVSDK over UDP. You can stop the benchmark at any time and repeat the command to continue.
     Results: outcomes.csv with every transfer, link.csv and link.md.
     """
-    from uavcover.errors import InputError
     from uavcover.extras.benchmarks.link.runs import read_outcomes, run_missing, trials
     from uavcover.extras.benchmarks.link.trials import CLIENTS, cells_of, csv_lines, markdown
     from uavcover.run.folder import write_text
 
     console = output.console()
-    if out is None:
-        raise InputError("-o/--out: name the folder of the results, as: uavcover bench link -o link")
+    out = _given(out, "link -o link")
     chosen = options.names("--clients", clients, CLIENTS)
     try:
         shares = [float(text) for text in losses.split(",")]
@@ -180,13 +204,8 @@ def bench_link(
     done = {outcome.trial for outcome in read_outcomes(out)}
     missing = sum(trial not in done for trial in wanted)
     console.say(f"{len(wanted)} transfers, {len(wanted) - missing} of them already in {out}")
-    try:
-        with console.progress("transfers", total=missing) as bar:
-            for number, outcome in enumerate(run_missing(out, wanted, at_a_time=at_a_time), start=1):
-                bar.update(number, note=f"{number} of {missing}, last {outcome.trial.client} {outcome.trial.loss:.0%}")
-    except KeyboardInterrupt:
-        console.warn(f"stopped; the transfers that are done are in {out}: repeat the command to continue")
-        raise
+    made = (each.trial for each in run_missing(out, wanted, at_a_time=at_a_time))
+    _follow(console, "transfers", (f"{trial.client} {trial.loss:.0%}" for trial in made), missing, kept_in=out)
     cells = cells_of(read_outcomes(out))
     write_text(out / "link.csv", "\n".join(csv_lines(cells)) + "\n")
     write_text(out / "link.md", markdown(cells) + "\n")
@@ -215,30 +234,18 @@ def bench_areas(
 
     You can stop the benchmark at any time and repeat the command to continue. Results: areas.csv.
     """
-    from uavcover.errors import InputError
     from uavcover.extras.benchmarks.areas import area_names, plan_areas, summary, table_lines
     from uavcover.extras.benchmarks.runs import KeptRuns, available_cores
-    from uavcover.run.folder import write_text
 
     console = output.console()
-    if out is None:
-        raise InputError("-o/--out: name the folder of the results, as: uavcover bench areas AC300 -o areas")
+    out = _given(out, "areas AC300 -o areas")
     chosen = options.names("--names", names, area_names(data))
     folder = KeptRuns(out, {"benchmark": "areas", "budget_s": budget_s})
-    with folder.reserved():
-        missing = [name for name in chosen if not folder.has(name)]
-        console.say(f"{len(chosen)} areas, {len(chosen) - len(missing)} of them already in {out}")
-        planned = plan_areas(folder, missing, data=data, budget_s=budget_s, processes=processes or available_cores())
-        try:
-            with console.progress("areas", total=len(missing)) as bar:
-                for done, name in enumerate(planned, start=1):
-                    bar.update(done, note=f"{done} of {len(missing)}, last {name}")
-        finally:
-            if folder.done():
-                write_text(out / "areas.csv", "\n".join(table_lines(folder)) + "\n")
-    console.say(summary(folder))
-    console.result({"areas": len(chosen), "made": len(missing), "summary": summary(folder)})
-    return 0
+    cores = processes or available_cores()
+    return _compare(
+        console, folder, "areas", chosen, table_lines, summary,
+        plan=lambda missing: plan_areas(folder, missing, data=data, budget_s=budget_s, processes=cores),
+    )  # fmt: skip
 
 
 def bench_cetsp(
@@ -261,30 +268,40 @@ def bench_cetsp(
 
     You can stop the benchmark at any time and repeat the command to continue. Results: cetsp.csv.
     """
-    from uavcover.errors import InputError
     from uavcover.extras.benchmarks.cetsp import plan_instances, read_instances, summary, table_lines
     from uavcover.extras.benchmarks.runs import KeptRuns, available_cores
-    from uavcover.run.folder import write_text
 
     console = output.console()
-    if out is None:
-        raise InputError("-o/--out: name the folder of the results, as: uavcover bench cetsp DATA -o cetsp")
+    out = _given(out, "cetsp DATA -o cetsp")
     instances = read_instances(data)
     chosen = options.names("--names", names, instances)
     folder = KeptRuns(out, {"benchmark": "cetsp", "budget_s": budget_s})
+    cores = processes or available_cores()
+
+    def plan(missing: list[str]) -> Iterator[str]:
+        return plan_instances(folder, [instances[name] for name in missing], budget_s=budget_s, processes=cores)
+
+    return _compare(console, folder, "instances", chosen, table_lines, summary, plan=plan)
+
+
+def _compare(
+    console: "Console", folder: "KeptRuns", what: str, chosen: list[str],
+    table_lines: "Callable[[KeptRuns], list[str]]", summary: "Callable[[KeptRuns], str]", *,
+    plan: Callable[[list[str]], Iterator[str]],
+) -> int:  # fmt: skip
+    from uavcover.run.folder import write_text
+
     with folder.reserved():
-        missing = [instances[name] for name in chosen if not folder.has(name)]
-        console.say(f"{len(chosen)} instances, {len(chosen) - len(missing)} of them already in {out}")
-        planned = plan_instances(folder, missing, budget_s=budget_s, processes=processes or available_cores())
+        missing = [name for name in chosen if not folder.has(name)]
+        console.say(f"{len(chosen)} {what}, {len(chosen) - len(missing)} of them already in {folder.path}")
         try:
-            with console.progress("instances", total=len(missing)) as bar:
-                for done, name in enumerate(planned, start=1):
-                    bar.update(done, note=f"{done} of {len(missing)}, last {name}")
+            _show(console, what, plan(missing), len(missing))
         finally:
             if folder.done():
-                write_text(out / "cetsp.csv", "\n".join(table_lines(folder)) + "\n")
+                table = folder.path / f"{folder.settings['benchmark']}.csv"
+                write_text(table, "\n".join(table_lines(folder)) + "\n")
     console.say(summary(folder))
-    console.result({"instances": len(chosen), "made": len(missing), "summary": summary(folder)})
+    console.result({what: len(chosen), "made": len(missing), "summary": summary(folder)})
     return 0
 
 
@@ -324,7 +341,6 @@ def bench_mmf(
     You can stop the benchmark at any time and repeat the command to continue. Results: summary.csv, tables.md with the
     values of the paper, runs.csv, comparisons.csv, figure3.png to figure6.png, and sets/FUNCTION/ALGORITHM/RUN.csv.
     """
-    from uavcover.errors import InputError
     from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
     from uavcover.extras.benchmarks.mmf.runs import (
         Budget,
@@ -344,27 +360,17 @@ def bench_mmf(
         return 0
     chosen_functions = options.names("--functions", functions, PROBLEMS)
     chosen_algorithms = options.names("--algorithms", algorithms, contender_names(options.listed(algorithms)))
-    if out is None:
-        raise InputError("-o/--out: name the folder of the results, as: uavcover bench mmf -o mmf")
+    out = _given(out, "mmf -o mmf")
     folder, budget = MmfFolder(out), Budget(size.population, size.iterations, size.archive)
     try_each(chosen_algorithms, budget)
     with folder.reserved(budget):
         missing = missing_runs(folder, functions=chosen_functions, algorithms=chosen_algorithms, runs=runs)
         wanted = len(chosen_functions) * len(chosen_algorithms) * runs
         console.say(f"{wanted} runs, {wanted - len(missing)} of them already in {out}")
-        try:
-            with console.progress("runs", total=len(missing)) as bar:
-                made = make_runs(folder, missing, budget, processes=processes, scheduler=scheduler)
-                for done, run in enumerate(made, start=1):
-                    bar.update(done, note=f"{done} of {len(missing)}, last {run}")
-        except KeyboardInterrupt:
-            console.warn(f"stopped; the runs that are done are in {out}: repeat the command to continue")
-            raise
+        made = make_runs(folder, missing, budget, processes=processes, scheduler=scheduler)
+        _follow(console, "runs", map(str, made), len(missing), kept_in=out)
         files = write_results(folder, budget)
-    for file in files:
-        console.say(f"written: {file}")
-    console.result({"runs": wanted, "made": len(missing), "files": [str(file) for file in files]})
-    return 0
+    return _said(console, files, runs=wanted, made=len(missing))
 
 
 def bench_paper(
@@ -386,9 +392,8 @@ def bench_paper(
     You can stop the benchmark at any time and repeat the command to continue. Results: tables.md with Tables 5 and 6
     and the values of the paper, runs.csv, the routes, figure7.png and figures8-11-READING.png.
     """
-    from uavcover.errors import InputError
     from uavcover.extras.benchmarks.paper.results import write_results
-    from uavcover.extras.benchmarks.paper.runs import ALGORITHMS, READINGS, make_runs, paper_runs
+    from uavcover.extras.benchmarks.paper.runs import READINGS, make_runs, paper_runs
     from uavcover.extras.benchmarks.runs import KeptRuns, available_cores
 
     console = output.console()
@@ -398,28 +403,18 @@ def bench_paper(
         console.result({"readings": list(READINGS)})
         return 0
     chosen = options.names("--readings", readings, READINGS)
-    if out is None:
-        raise InputError("-o/--out: name the folder of the results, as: uavcover bench paper -o paper")
+    out = _given(out, "paper -o paper")
     folder = KeptRuns(out, {"population": population, "iterations": iterations})
     with folder.reserved():
-        wanted = paper_runs(chosen, ALGORITHMS, runs)
+        wanted = paper_runs(chosen, runs)
         missing = [run for run in wanted if not folder.has(run.key)]
         console.say(f"{len(wanted)} runs, {len(wanted) - len(missing)} of them already in {out}")
         made = make_runs(
             folder, missing, population=population, iterations=iterations, processes=processes or available_cores()
         )
-        try:
-            with console.progress("runs", total=len(missing)) as bar:
-                for done, run in enumerate(made, start=1):
-                    bar.update(done, note=f"{done} of {len(missing)}, last {run.key}")
-        except KeyboardInterrupt:
-            console.warn(f"stopped; the runs that are done are in {out}: repeat the command to continue")
-            raise
+        _follow(console, "runs", (run.key for run in made), len(missing), kept_in=out)
         files = write_results(folder)
-    for file in files:
-        console.say(f"written: {file}")
-    console.result({"runs": len(wanted), "made": len(missing), "files": [str(file) for file in files]})
-    return 0
+    return _said(console, files, runs=len(wanted), made=len(missing))
 
 
 _BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {

@@ -1,16 +1,18 @@
-"""Runs of a benchmark in processes that end with this one, kept as one JSON file each.
+"""Runs of a benchmark in processes that end with this one, kept as one JSON file each, and tables about them.
 
 Each process has one BLAS thread, so that thread pools do not fight for cores. Files are written whole: a killed benchmark
 goes on where it was.
 """
 
+import csv
+import io
 import json
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -165,6 +167,44 @@ def _one_thread_each() -> Iterator[None]:
 _SETTINGS = "settings.json"
 
 
+@contextmanager
+def reserved_folder(path: Path, settings: Mapping[str, str | int | float], *, runs: str) -> Iterator[None]:
+    """Make a folder of runs, or take up one made with the same settings, and keep other processes out of it.
+
+    Args:
+        path: the folder.
+        settings: what its runs have in common.
+        runs: the folder in it that has the files of the runs.
+
+    Raises:
+        InputError: its runs were made with other settings.
+        OutputError: it has files but is none of ours, or cannot be written to.
+    """
+    with RunFolder(path).reserved([], force=False):
+        file = path / _SETTINGS
+        if file.exists():
+            before = _document(file)
+            if before != settings:
+                raise InputError(
+                    f"{path}: its runs were made with {_words_of(before)}, not with {_words_of(settings)}; use another folder"
+                )
+        elif any(path.iterdir()):
+            raise OutputError(f"{path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
+        else:
+            write_text(file, json_text(dict(settings)))
+        remove_half_written((path / runs).rglob("*"))
+        yield
+
+
+def write_run(path: Path, text: str) -> None:
+    """Write the file of a run, whole or not at all. Raises OutputError: it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path.parent}: cannot be made ({error.strerror})") from error
+    write_text(path, text)
+
+
 class KeptRuns:
     """Folder of a benchmark's runs: ``runs/KEY.json``; a key has slashes, as ``R2-ray/imodbo/1``.
 
@@ -177,29 +217,9 @@ class KeptRuns:
         self.path = path
         self.settings = dict(settings)
 
-    @contextmanager
-    def reserved(self) -> Iterator[None]:
-        """Make the folder, or take up one made with the same settings, and keep other processes out of it.
-
-        Raises:
-            InputError: its runs were made with other settings.
-            OutputError: it has files but is none of ours, or cannot be written to.
-        """
-        with RunFolder(self.path).reserved([], force=False):
-            file = self.path / _SETTINGS
-            if file.exists():
-                before = _document(file)
-                if before != self.settings:
-                    raise InputError(
-                        f"{self.path}: its runs were made with {_words_of(before)}, not with {_words_of(self.settings)}; "
-                        "use another folder"
-                    )
-            elif any(self.path.iterdir()):
-                raise OutputError(f"{self.path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
-            else:
-                write_text(file, json_text(self.settings))
-            remove_half_written((self.path / "runs").rglob("*"))
-            yield
+    def reserved(self) -> AbstractContextManager[None]:
+        """As `reserved_folder` does it."""
+        return reserved_folder(self.path, self.settings, runs="runs")
 
     def file(self, key: str) -> Path:
         """File of a run."""
@@ -217,12 +237,7 @@ class KeptRuns:
 
     def write(self, key: str, document: dict[str, Any]) -> None:
         """Write a run, whole or not at all; numbers unrounded. Raises OutputError: it cannot be written."""
-        path = self.file(key)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{path.parent}: cannot be made ({error.strerror})") from error
-        write_text(path, json_text(document))
+        write_run(self.file(key), json_text(document))
 
     def read(self, key: str) -> dict[str, Any]:
         """A run as it was written. Raises InputError: the file cannot be read."""
@@ -245,3 +260,49 @@ def _by_parts(key: str) -> list[tuple[int, int, str]]:
 
 def _words_of(settings: Mapping[str, object]) -> str:
     return ", ".join(f"{name} {value}" for name, value in settings.items())
+
+
+def csv_text(header: Sequence[object], rows: Iterable[Iterable[object]]) -> str:
+    """A table as CSV; numbers unrounded.
+
+    >>> print(csv_text(["a", "b"], [[1, 0.5]]), end="")
+    a,b
+    1,0.5
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    return text.getvalue()
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table.
+
+    >>> print(markdown(["a", "b"], [["1", "2"]]))
+    | a | b |
+    |---|---|
+    | 1 | 2 |
+    """
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("|" + "|".join(f" {cell} " if cell != "---" else cell for cell in line) + "|" for line in lines)
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    """Write texts by the names of their files; returns the files. Raises OutputError: one cannot be written."""
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]
+
+
+@contextmanager
+def drawn(path: Path, *, dpi: int) -> Iterator[Any]:
+    """``matplotlib.pyplot`` without a window; the figure that is made inside is written to the file, and closed."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    try:
+        yield pyplot
+        pyplot.savefig(path, dpi=dpi)
+    finally:
+        pyplot.close()

@@ -1,8 +1,8 @@
 """The check of a mission: everything that is judged, in one place."""
 
-import dataclasses
+import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -122,12 +122,8 @@ def check_mission(
     findings += with_hints(height_findings(path, world, limits), mission, world, limits)
     turns = turns_of(path, mission, aircraft)
     findings += in_turns(lambda each: height_findings(each, world, limits), turns, findings)
-    checks: tuple[Callable[[FlownPath], list[CheckFinding]], ...] = (
-        lambda each: fence_findings(each, world, surroundings.fence),
-        lambda each: zone_findings(each, world, surroundings),
-        lambda each: obstacle_findings(each, world, surroundings),
-    )
-    for judge in checks:
+    for check in (fence_findings, zone_findings, obstacle_findings):
+        judge = functools.partial(check, world=world, around=surroundings)
         of_legs = judge(path)
         findings += [*of_legs, *in_turns(judge, turns, of_legs)]
     findings += distance_findings(path, world, limits)
@@ -190,10 +186,8 @@ def _world(
         if (item.lat_deg, item.lon_deg) != (0.0, 0.0):
             lat_lon.append((item.lat_deg, item.lon_deg))
         splines |= item.command == Command.NAV_SPLINE_WAYPOINT
-        if item.command in _CIRCLES:
-            around_m = max(
-                around_m, WORLD.around_m + 2.0 * abs(item.params[2] if math.isfinite(item.params[2]) else 0.0)
-            )
+        if item.command in _CIRCLES and math.isfinite(item.params[2]):
+            around_m = max(around_m, WORLD.around_m + 2.0 * abs(item.params[2]))
     lats, lons = np.array(lat_lon).T
     en = frame.enu_from_geodetic(lats, lons, home.alt_amsl_m)[:, :2]
     if splines and len(en) > 1:
@@ -209,8 +203,7 @@ def _world(
 
 
 def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zones: ZoneReader) -> Surroundings:
-    known = [segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)] for segment in path.segments]
-    places = np.vstack([np.zeros((1, 3)), *known])
+    places = np.vstack([np.zeros((1, 3)), *(segment.known_m for segment in path.segments)])
     lat, lon, _ = world.frame.geodetic_from_enu(places)
     entries = read_zones((float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max())))
     box = shapely.box(*places[:, :2].min(axis=0), *places[:, :2].max(axis=0)).buffer(1.0)
@@ -234,19 +227,21 @@ def with_hints(findings: Sequence[CheckFinding], mission: Mission, world: World,
 
 def _with_hint(finding: CheckFinding, mission: Mission, world: World, limits: Limits) -> CheckFinding:
     first, last = finding.items or (1, 0)
-    items = [
-        (n, mission.items[n - 1])
-        for n in range(max(1, first), last + 1)
-        if mission.items[n - 1].has_position
-        and math.isfinite(mission.items[n - 1].alt_m)
-        and mission.items[n - 1].lat_deg != 0.0
+    wrong = [
+        item
+        for item in mission.items[max(0, first - 1) : last]
+        if item.has_position
+        and math.isfinite(item.alt_m)
+        and item.lat_deg != 0.0
+        and not _fits(_agl_m(item, world, item.frame, item.alt_m), limits)
     ]
-    wrong = [(n, item) for n, item in items if not _fits(_agl_m(item, world, item.frame, item.alt_m), limits)]
-    if not wrong:
-        return finding
-    for words, change in _CHANGES.items():
-        if all(change(item, world, limits) for _, item in wrong):
-            return dataclasses.replace(finding, what=f"{finding.what}; {words}")
+    plausible = [
+        [words for words, frame, alt_m in _readings(item) if _fits(_agl_m(item, world, frame, alt_m), limits)]
+        for item in wrong
+    ]
+    for words in plausible[0] if wrong else ():
+        if all(words in each for each in plausible):
+            return replace(finding, what=f"{finding.what}; {words}")
     return finding
 
 
@@ -264,33 +259,16 @@ def _fits(height_agl_m: float, limits: Limits) -> bool:
     return limits.min_height_agl_m - WORLD.slack_m <= height_agl_m <= most + WORLD.slack_m
 
 
-def _as_amsl(item: MissionItem, world: World, limits: Limits) -> bool:
-    return item.frame is not Frame.AMSL and _fits(_agl_m(item, world, Frame.AMSL, item.alt_m), limits)
-
-
-def _as_above_home(item: MissionItem, world: World, limits: Limits) -> bool:
-    return item.frame is Frame.AMSL and _fits(_agl_m(item, world, Frame.ABOVE_HOME, item.alt_m), limits)
-
-
-def _as_above_terrain(item: MissionItem, _: World, limits: Limits) -> bool:
-    return item.frame is not Frame.ABOVE_TERRAIN and _fits(item.alt_m, limits)
-
-
-def _as_feet(item: MissionItem, world: World, limits: Limits) -> bool:
-    return _fits(_agl_m(item, world, item.frame, item.alt_m * _FOOT_M), limits)
-
-
-def _as_metres(item: MissionItem, world: World, limits: Limits) -> bool:
-    return _fits(_agl_m(item, world, item.frame, item.alt_m / _FOOT_M), limits)
-
-
-_CHANGES = {
-    "its value is plausible as a height above sea level: check the frame": _as_amsl,
-    "its value is plausible as a height above home: check the frame": _as_above_home,
-    "its value is plausible in feet: check the unit": _as_feet,
-    "its value is plausible as a height above the terrain: check the frame": _as_above_terrain,
-    "it is plausible if the height is in feet instead of metres": _as_metres,
-}
+def _readings(item: MissionItem) -> Iterator[tuple[str, Frame, float]]:
+    """Other readings of an item's height: in words, the frame, the number."""
+    if item.frame is Frame.AMSL:
+        yield "its value is plausible as a height above home: check the frame", Frame.ABOVE_HOME, item.alt_m
+    else:
+        yield "its value is plausible as a height above sea level: check the frame", Frame.AMSL, item.alt_m
+    yield "its value is plausible in feet: check the unit", item.frame, item.alt_m * _FOOT_M
+    if item.frame is not Frame.ABOVE_TERRAIN:
+        yield "its value is plausible as a height above the terrain: check the frame", Frame.ABOVE_TERRAIN, item.alt_m
+    yield "it is plausible if the height is in feet instead of metres", item.frame, item.alt_m / _FOOT_M
 
 
 _BENDING = 1.0 - 1.0 / (4.0 / 3.0)
@@ -316,17 +294,10 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
         places = places_along(segment)
         lowest, _, begin = lowest_of(world, _bent_lines(pilot_m, places))
         if lowest < -CHECKS.clearance_tolerance_m:
-            hidden.append(
-                CheckFinding(
-                    kind="sight",
-                    weight="look",
-                    items=segment.items,
-                    by=-lowest,
-                    unit="m",
-                    what=f"hidden from the pilot and the radio by {what_hides} {-lowest:.0f} m high in the line of sight",
-                    do="choose another position (--pilot), fly higher, or use a spotter",
-                ).at(world.geodetic(places[begin])),
-            )
+            what = f"hidden from the pilot and the radio by {what_hides} {-lowest:.0f} m high in the line of sight"
+            do = "choose another position (--pilot), fly higher, or use a spotter"
+            found = segment.found("sight", -lowest, what=what, do=do, weight="look")
+            hidden.append(found.at(world.geodetic(places[begin])))
     return joined(hidden, lambda one: one.kind)
 
 

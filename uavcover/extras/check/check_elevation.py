@@ -209,12 +209,8 @@ def _opened(data: ElevationData, mission: Mission, home: tuple[float, float] | N
         return open_elevation_data(data)
     # Around what most places are near to: one wrong place must not bring the tiles of half the Earth.
     lat, lon = np.median(real, axis=0)
-    around = (
-        lon - WORLD.reach_deg,
-        max(-90.0, lat - WORLD.reach_deg),
-        lon + WORLD.reach_deg,
-        min(90.0, lat + WORLD.reach_deg),
-    )
+    reach = WORLD.reach_deg
+    around = (lon - reach, max(-90.0, lat - reach), lon + reach, min(90.0, lat + reach))
     try:
         return open_elevation_data(data, around=around)
     except TerrainError as error:

@@ -12,7 +12,7 @@ import shapely
 
 from uavcover.errors import InputError, OutputError
 from uavcover.extras.check.check import Checked
-from uavcover.extras.check.findings import CheckFinding, Segment
+from uavcover.extras.check.findings import CheckFinding, Segment, along_m, places_at
 from uavcover.extras.check.mission_file import CheckOutcome, CheckQuery
 from uavcover.extras.check.tuning import PAGE
 from uavcover.extras.check.world import Limits, LocalFence, World
@@ -54,17 +54,15 @@ def figures_of(checked: Checked) -> dict[str, float | None]:
     )
     if path is None or world is None or not path.segments:
         return known
-    lines = [segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)] for segment in path.segments]
+    lines = [segment.known_m for segment in path.segments]
     points = np.vstack(lines)
     ranges = [world.leg_height_ranges_m(s.enu_m) for s in path.distinct if s.phase in ("route", "return")]
     rows = np.vstack([part for part in ranges if len(part)] or [np.full((1, 4), np.nan)])
     known["length_m"] = sum(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
     known["time_s"] = checked.time_s if math.isfinite(checked.time_s) else None
     if np.isfinite(rows).any():
-        known["min_height_agl_m"], known["max_height_agl_m"] = (
-            float(np.nanmin(rows[:, 0])),
-            float(np.nanmax(rows[:, 2])),
-        )
+        known["min_height_agl_m"] = float(np.nanmin(rows[:, 0]))
+        known["max_height_agl_m"] = float(np.nanmax(rows[:, 2]))
     if len(points):
         known["max_above_home_m"] = float(world.alts_amsl_m(points).max()) - world.home_alt_amsl_m
         known["max_distance_m"] = float(np.hypot(points[:, 0], points[:, 1]).max())
@@ -77,13 +75,7 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
     if checked.findings:
         user.say(f"{'':8}{'what':15}{'items':10}{'latitude, longitude':26}{'by':>9}")
     for one in checked.findings:
-        items = (
-            ""
-            if one.items is None
-            else f"{one.items[0]}"
-            if one.items[0] == one.items[1]
-            else f"{one.items[0]}-{one.items[1]}"
-        )
+        items = "-".join(dict.fromkeys(map(str, one.items or ())))
         place = "" if one.lat_deg is None or one.lon_deg is None else f"{one.lat_deg:.6f}, {one.lon_deg:.6f}"
         by = "" if not one.unit else f"{one.by:.1f} {one.unit}" if one.by < 1000.0 else f"{one.by:.0f} {one.unit}"
         user.say(f"{one.weight:8}{one.kind:15}{items:10}{place:26}{by:>9}".rstrip())
@@ -117,21 +109,12 @@ def write_map(outcome: CheckOutcome, path: Path, *, force: bool) -> None:
     features: list[dict[str, Any]] = []
     if checked.path is not None and checked.world is not None:
         for segment in checked.path.distinct:
-            known = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
-            if len(known) < 2:
+            if len(segment.known_m) < 2:
                 continue
-            lat, lon, alt = checked.world.frame.geodetic_from_enu(known)
-            line = [
-                [round(float(x), 8), round(float(y), 8), round(float(z), 2)]
-                for y, x, z in zip(lat, lon, alt, strict=True)
-            ]
-            features.append(
-                _feature(
-                    "LineString",
-                    line,
-                    {"from_item": segment.items[0], "item": segment.items[1], "phase": segment.phase},
-                )
-            )
+            places = zip(*checked.world.frame.geodetic_from_enu(segment.known_m), strict=True)
+            line = [[round(float(lon), 8), round(float(lat), 8), round(float(alt), 2)] for lat, lon, alt in places]
+            first, last = segment.items
+            features.append(_feature("LineString", line, {"from_item": first, "item": last, "phase": segment.phase}))
     for one in checked.findings:
         if one.lat_deg is not None and one.lon_deg is not None:
             features.append(_feature("Point", [one.lon_deg, one.lat_deg], one.document()))
@@ -212,7 +195,7 @@ def _legs(checked: Checked, world: World) -> list[dict[str, Any]]:
     broken = _broken_items(checked.findings)
     legs = []
     for segment in () if checked.path is None else checked.path.distinct[: PAGE.most_legs]:
-        line = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
+        line = segment.known_m
         if len(line) < 2:
             continue
         reached, places = _sampled(line)
@@ -230,9 +213,8 @@ def _legs(checked: Checked, world: World) -> list[dict[str, Any]]:
 
 def _sampled(line: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distances along a line, and places there, for its profile."""
-    reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.linspace(0.0, reached[-1], PAGE.profile_steps)
-    return at, np.column_stack([np.interp(at, reached, line[:, axis]) for axis in range(3)])
+    at = np.linspace(0.0, along_m(line)[-1], PAGE.profile_steps)
+    return at, places_at(at, line)
 
 
 def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckFinding, ...], limits: Limits) -> Chart:
@@ -240,7 +222,7 @@ def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckF
     broken = _broken_items(findings)
     begin, parts = 0.0, []
     for segment in segments[: PAGE.most_legs]:
-        line = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
+        line = segment.known_m
         if len(line) < 2:
             continue
         at, places = _sampled(line)
@@ -249,10 +231,8 @@ def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckF
         begin += float(at[-1])
     along = np.concatenate([part[0] for part in parts]) / 1000.0
     ground, flown = np.concatenate([part[2] for part in parts]), np.concatenate([part[1] for part in parts])
-    low, high = (
-        float(np.nanmin([np.nanmin(flown), np.nanmin(ground)])),
-        float(np.nanmax([flown.max(), np.nanmax(ground)])),
-    )
+    low = float(np.nanmin([np.nanmin(flown), np.nanmin(ground)]))
+    high = float(np.nanmax([flown.max(), np.nanmax(ground)]))
     floor = low - 0.06 * (high - low + 1.0)
     plot = Plot((0.0, max(float(along[-1]), 1e-3)), (floor, high + 0.04 * (high - low + 1.0)))
     plot.between("band", along, ground, ground + limits.min_height_agl_m, name="below the least height")

@@ -27,24 +27,13 @@ def endurance_findings(path: FlownPath, aircraft: Aircraft, limits: Limits) -> t
     seconds = flight_time_s(path, aircraft, limits.wind_m_s)
     wind = f" in {limits.wind_m_s:g} m/s of wind" if limits.wind_m_s > 0.0 else ""
     if not math.isfinite(seconds):
-        return seconds, [
-            CheckFinding(
-                kind="wind",
-                weight="breaks",
-                what=f"the aircraft makes no progress against {limits.wind_m_s:g} m/s of wind",
-                do="wait for less wind",
-            ),
-        ]
+        what = f"the aircraft makes no progress against {limits.wind_m_s:g} m/s of wind"
+        return seconds, [CheckFinding(kind="wind", weight="breaks", what=what, do="wait for less wind")]
     if limits.wind_m_s > 0.0 and not aircraft.has_wings and aircraft.max_airspeed_m_s is None:
-        return seconds, [
-            CheckFinding(
-                kind="wind",
-                weight="unknown",
-                what=f"the flight in {limits.wind_m_s:g} m/s of wind cannot be judged: the maximum airspeed is unknown",
-                do="specify --vehicle NAME, or a TOML file with max_speed_m_s",
-            ),
-            *_battery_findings(seconds, aircraft, ", without wind"),
-        ]
+        what = f"the flight in {limits.wind_m_s:g} m/s of wind cannot be judged: the maximum airspeed is unknown"
+        do = "specify --vehicle NAME, or a TOML file with max_speed_m_s"
+        found = CheckFinding(kind="wind", weight="unknown", what=what, do=do)
+        return seconds, [found, *_battery_findings(seconds, aircraft, ", without wind")]
     return seconds, _battery_findings(seconds, aircraft, wind)
 
 
@@ -54,17 +43,12 @@ def _battery_findings(seconds: float, aircraft: Aircraft, wind: str) -> list[Che
     usable_s = aircraft.endurance_s * (1.0 - aircraft.reserve_fraction)
     if seconds <= usable_s:
         return []
-    return [
-        CheckFinding(
-            kind="battery",
-            weight="breaks",
-            by=seconds - usable_s,
-            unit="s",
-            what=f"takes {seconds / 60.0:.1f} min{wind}; the battery lasts {usable_s / 60.0:.1f} min with "
-            f"{100.0 * aircraft.reserve_fraction:.0f} % in reserve",
-            do="split the mission, or fly it faster",
-        ),
-    ]
+    what = (
+        f"takes {seconds / 60.0:.1f} min{wind}; the battery lasts {usable_s / 60.0:.1f} min with "
+        f"{100.0 * aircraft.reserve_fraction:.0f} % in reserve"
+    )
+    do = "split the mission, or fly it faster"
+    return [CheckFinding(kind="battery", weight="breaks", by=seconds - usable_s, unit="s", what=what, do=do)]
 
 
 def _time_s(path: FlownPath, aircraft: Aircraft, wind_m_s: float, to_rad: float) -> float:
@@ -72,7 +56,7 @@ def _time_s(path: FlownPath, aircraft: Aircraft, wind_m_s: float, to_rad: float)
     total = 0.0
     before: Segment | None = None
     for segment in path.segments:
-        points = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
+        points = segment.known_m
         if len(points) < 2:
             continue
         pace = _pace(segment, aircraft, wind)
@@ -178,17 +162,12 @@ def wing_findings(path: FlownPath, world: World, aircraft: Aircraft) -> list[Che
         missing_m = abs(rise_m) - flat_m * rate / segment.speed_m_s
         if missing_m > 1.0:
             words = "climb" if rise_m > 0.0 else "descent"
-            steep.append(
-                CheckFinding(
-                    kind="climb",
-                    weight="breaks" if rise_m > 0.0 else "look",
-                    items=segment.items,
-                    by=missing_m,
-                    unit="m",
-                    what=f"a {words} of {abs(rise_m):.0f} m on {flat_m:.0f} m: the vehicle is {missing_m:.0f} m short at the end",
-                    do="make the leg longer, or circle to the height first (LOITER_TO_ALT)",
-                ).at(world.geodetic(segment.enu_m[-1])),
+            what = (
+                f"a {words} of {abs(rise_m):.0f} m on {flat_m:.0f} m: the vehicle is {missing_m:.0f} m short at the end"
             )
+            do = "make the leg longer, or circle to the height first (LOITER_TO_ALT)"
+            found = segment.found("climb", missing_m, what=what, do=do, weight="breaks" if rise_m > 0.0 else "look")
+            steep.append(found.at(world.geodetic(segment.enu_m[-1])))
     for one, two in itertools.pairwise(legs):
         if one.items[1] == two.items[0] and one.phase == two.phase == "route":
             tight += _tight_turn(one, two, world, aircraft)
@@ -206,15 +185,9 @@ def _tight_turn(one: Segment, two: Segment, world: World, aircraft: Aircraft) ->
     aside_m = radius_m * (1.0 - math.cos(angle))
     if needed_m <= min(length_a, length_b):
         return []
-    return [
-        CheckFinding(
-            kind="turn",
-            weight="look",
-            items=two.items,
-            by=aside_m,
-            unit="m",
-            what=f"a turn of {math.degrees(angle):.0f} degrees with legs shorter than its radius of {radius_m:.0f} m "
-            f"requires: up to {aside_m:.0f} m beside the next leg",
-            do="increase the distance between the waypoints",
-        ).at(world.geodetic(one.enu_m[-1])),
-    ]
+    what = (
+        f"a turn of {math.degrees(angle):.0f} degrees with legs shorter than its radius of {radius_m:.0f} m "
+        f"requires: up to {aside_m:.0f} m beside the next leg"
+    )
+    found = two.found("turn", aside_m, what=what, do="increase the distance between the waypoints", weight="look")
+    return [found.at(world.geodetic(one.enu_m[-1]))]

@@ -60,7 +60,10 @@ def joined(findings: Iterable[CheckFinding], same: Callable[[CheckFinding], obje
     runs: list[list[CheckFinding]] = []
     for found in findings:
         last = runs[-1][-1] if runs else None
-        if last is not None and same(last) == same(found) and _follows(found.items, last.items):
+        follows = (
+            last is not None and found.items and last.items and last.items[0] <= found.items[0] <= last.items[1] + 1
+        )
+        if last is not None and follows and same(last) == same(found):
             runs[-1].append(found)
         else:
             runs.append([found])
@@ -70,10 +73,6 @@ def joined(findings: Iterable[CheckFinding], same: Callable[[CheckFinding], obje
         numbers = list(itertools.chain.from_iterable(one.items or () for one in run))
         out.append(replace(worst, items=(min(numbers), max(numbers)) if numbers else None))
     return out
-
-
-def _follows(items: tuple[int, int] | None, before: tuple[int, int] | None) -> bool:
-    return items is not None and before is not None and before[0] <= items[0] <= before[1] + 1
 
 
 # The pieces of a flown path, for everything that judges them.
@@ -92,6 +91,26 @@ class Segment:
     wait_s: float = 0.0  # time spent at its end
     is_straight: bool = True  # whether it is one straight leg
     doubt: str = ""  # why the path there is not known from the mission; empty where it is
+
+    @property
+    def known_m(self) -> FloatArray:
+        """(k, 3) its places that are known."""
+        return np.asarray(self.enu_m[np.isfinite(self.enu_m).all(axis=1)])
+
+    def found(self, kind: str, by_m: float, *, what: str, do: str, weight: Weight = "breaks") -> CheckFinding:
+        """A finding about the segment, by some metres."""
+        return CheckFinding(kind=kind, weight=weight, items=self.items, by=by_m, unit="m", what=what, do=do)
+
+
+def along_m(line_m: FloatArray) -> FloatArray:
+    """Distances (n,) of the places of an (n, 3) line from its begin, along the line."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line_m, axis=0), axis=1)))
+
+
+def places_at(at_m: FloatArray, line_m: FloatArray) -> FloatArray:
+    """Places (k, 3) at distances (k,) along an (n, 3) line."""
+    reached_m = along_m(line_m)
+    return np.column_stack([np.interp(at_m, reached_m, line_m[:, axis]) for axis in range(3)])
 
 
 @dataclass(frozen=True, slots=True)

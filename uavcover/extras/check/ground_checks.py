@@ -63,17 +63,9 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
     words = height_in_words(lowest_m, where, world)
     a, b = segment.items
     points = f"item {b}" if a in (0, b) or segment.phase != "route" else f"items {a} and {b}"
-    return [
-        CheckFinding(
-            kind="ground",
-            weight="breaks",
-            items=segment.items,
-            by=short_m,
-            unit="m",
-            what=f"{words}; the limit is {max(limit_m, 0.0):g} m",
-            do=_remedy(segment, world, points, short_m),
-        ).at(world.geodetic(where)),
-    ]
+    what = f"{words}; the limit is {max(limit_m, 0.0):g} m"
+    do = _remedy(segment, world, points, short_m)
+    return [segment.found("ground", short_m, what=what, do=do).at(world.geodetic(where))]
 
 
 def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
@@ -87,10 +79,8 @@ def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
 def height_in_words(lowest_m: float, place_m: FloatArray, world: World) -> str:
     """A least height, above what it is, for people; also above the ground where trees or roofs stand on it."""
     side = f"{-lowest_m:.1f} m below" if lowest_m < 0.0 else f"{lowest_m:.1f} m above"
-    if world.surface is None:
-        return f"{side} the ground"
     bare_m = float(world.ground.heights_agl_m(place_m)[0])
-    if not bare_m - lowest_m > TERRAIN.hides_m:
+    if world.surface is None or not bare_m - lowest_m > TERRAIN.hides_m:
         return f"{side} the ground"
     return f"{side} the top of trees or roofs ({bare_m:.1f} m above the ground)"
 
@@ -103,17 +93,10 @@ def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray
     if segment.phase in ("return", "landing"):
         return []  # the band is that of the route; an autopilot's own return is high on purpose
     over_m = highest_m - limits.max_height_agl_m
-    return [
-        CheckFinding(
-            kind="height",
-            weight="breaks",
-            items=segment.items,
-            by=over_m,
-            unit="m",
-            what=f"{highest_m:.0f} m above the ground; the limit is {limits.max_height_agl_m:g} m",
-            do=f"fly {over_m:.0f} m lower there, or raise --max-height",
-        ).at(world.geodetic(place_of(segment, piece, float(ranges[piece, 3])))),
-    ]
+    what = f"{highest_m:.0f} m above the ground; the limit is {limits.max_height_agl_m:g} m"
+    do = f"fly {over_m:.0f} m lower there, or raise --max-height"
+    place = place_of(segment, piece, float(ranges[piece, 3]))
+    return [segment.found("height", over_m, what=what, do=do).at(world.geodetic(place))]
 
 
 def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFinding]:
@@ -126,17 +109,9 @@ def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFin
     over_m = float(alts[k]) - world.home_alt_amsl_m - limits.max_above_home_m
     if over_m <= CHECKS.clearance_tolerance_m:
         return []
-    return [
-        CheckFinding(
-            kind="above-home",
-            weight="breaks",
-            items=segment.items,
-            by=over_m,
-            unit="m",
-            what=f"{over_m + limits.max_above_home_m:.0f} m above home; the limit is {limits.max_above_home_m:g} m",
-            do=f"fly {over_m:.0f} m lower there",
-        ).at(world.geodetic(segment.enu_m[k])),
-    ]
+    what = f"{over_m + limits.max_above_home_m:.0f} m above home; the limit is {limits.max_above_home_m:g} m"
+    found = segment.found("above-home", over_m, what=what, do=f"fly {over_m:.0f} m lower there")
+    return [found.at(world.geodetic(segment.enu_m[k]))]
 
 
 def _cut_at_doubts(segment: Segment, world: World) -> Segment:
@@ -169,18 +144,12 @@ def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding
         if np.isfinite(place).all() and shape.distance(leg) <= reach_m:
             nearest = shapely.ops.nearest_points(leg, shape)[0]
             at = np.array([nearest.x, nearest.y, place[2]])
+            what = f"the elevation data is not plausible here: {words}"
             return CheckFinding(
-                kind="suspect-ground",
-                weight="unknown",
-                items=segment.items,
-                what=f"the elevation data is not plausible here: {words}",
-                do=OTHER_DATA,
+                kind="suspect-ground", weight="unknown", items=segment.items, what=what, do=OTHER_DATA
             ).at(world.geodetic(at))
     found = CheckFinding(
-        kind="no-elevation",
-        weight="unknown",
-        items=segment.items,
-        what="the elevation data has no height here",
+        kind="no-elevation", weight="unknown", items=segment.items, what="the elevation data has no height here",
         do="use elevation data that covers the whole flight",
-    )
+    )  # fmt: skip
     return found.at(world.geodetic(place)) if np.isfinite(place).all() else found

@@ -49,15 +49,9 @@ def impossible_numbers(mission: Mission) -> list[CheckFinding]:
             problems.append(f"a speed of {item.params[1]:g} m/s")
         if item.command in _WAITS and math.isinf(item.params[0]):
             problems.append(f"{item.params[0]:g} s of waiting")
+        do = "correct it; the other checks were not made"
         found += [
-            CheckFinding(
-                kind="number",
-                weight="breaks",
-                items=(number, number),
-                what=what,
-                do="correct it; the other checks were not made",
-            )
-            for what in problems
+            CheckFinding(kind="number", weight="breaks", items=(number, number), what=what, do=do) for what in problems
         ]
     return found
 
@@ -83,13 +77,8 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
             if land_starts > 1 and aircraft.autopilot == "px4":
                 problems.append(("breaks", "this is a second land start, and PX4 refuses the mission", "keep only one"))
         if aircraft.autopilot == "px4" and not item.autocontinue and item.command in _PLACES:
-            problems.append(
-                (
-                    "look",
-                    "it does not continue automatically (autocontinue 0)",
-                    "set it, or fly with a pilot at the controls",
-                )
-            )
+            what = "it does not continue automatically (autocontinue 0)"
+            problems.append(("look", what, "set it, or fly with a pilot at the controls"))
         found += [
             CheckFinding(kind="value", weight=weight, items=(number, number), what=what, do=do)
             for weight, what, do in problems
@@ -123,21 +112,15 @@ def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
         return
     turns, radius_m = item.params[0], abs(item.params[2])
     if turns < 0.0:
-        yield (
-            "breaks",
-            f"{turns:g} turns: the behaviour of the autopilot is unknown",
-            "use turns above 0; a negative radius turns left",
-        )
+        what = f"{turns:g} turns: the behaviour of the autopilot is unknown"
+        yield "breaks", what, "use turns above 0; a negative radius turns left"
     elif turns == 0.0:
         yield "look", "no turns: the vehicle flies to the circle and continues", "specify turns, or use a waypoint"
     elif aircraft.autopilot == "ardupilot" and turns > _ARDUPILOT_TURNS:
         yield "breaks", f"{turns:g} turns, but ArduPilot keeps only {_ARDUPILOT_TURNS:g}", "insert two items"
     if aircraft.autopilot == "ardupilot" and radius_m > _ARDUPILOT_RADIUS_M:
-        yield (
-            "breaks",
-            f"a circle of {radius_m:g} m, but ArduPilot keeps only {_ARDUPILOT_RADIUS_M:g} m",
-            "fly it with waypoints",
-        )
+        what = f"a circle of {radius_m:g} m, but ArduPilot keeps only {_ARDUPILOT_RADIUS_M:g} m"
+        yield "breaks", what, "fly it with waypoints"
 
 
 def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
@@ -216,69 +199,43 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
     its times once.
     """
     taken: Counter[int] = Counter()
-    endless: set[int] = set()
     order: list[int] = []
     findings: list[CheckFinding] = []
+
+    def found(kind: str, weight: Weight, first: int, what: str, do: str) -> None:
+        findings.append(CheckFinding(kind=kind, weight=weight, items=(first, at), what=what, do=do))
+
     at = 1
     while 1 <= at <= len(items):
-        item = items[at - 1]
+        item, following = items[at - 1], at + 1
         if item.command not in (Command.DO_JUMP, _DO_JUMP_TAG):
             order.append(at)
-            at += 1
         else:
             target, times = item.params[:2]
             leads = f"a jump to {'tag' if item.command == _DO_JUMP_TAG else 'item'} {target:g}, {times:g} times"
+            there = f"the mission has items 1 to {len(items)}"
             if item.command == _DO_JUMP_TAG:
-                target = next(
-                    (n for n, one in enumerate(items, 1) if one.command == _JUMP_TAG and one.params[0] == target), 0
-                )
+                tags = (n for n, one in enumerate(items, 1) if one.command == _JUMP_TAG and one.params[0] == target)
+                target, there = next(tags, 0), "no item of the mission has this tag"
             if not (1 <= target <= len(items) and target == int(target) and math.isfinite(times)):
-                there = f"the mission has items 1 to {len(items)}"
-                if item.command == _DO_JUMP_TAG:
-                    there = "no item of the mission has this tag"
-                findings.append(
-                    CheckFinding(
-                        kind="jump", weight="breaks", items=(at, at),
-                        what=f"{leads}; {there}",
-                        do="jump to an item of the mission",
-                    )
-                )  # fmt: skip
-                at += 1
-                continue
-            round_only = (
-                [] if target > at else [n for n in range(int(target), at) if items[n - 1].command <= LAST_NAVIGATION]
-            )
-            if target <= at and not round_only and times != 0:
-                findings.append(
-                    CheckFinding(
-                        kind="jump", weight="breaks", items=(int(target), at),
-                        what=f"{leads}: an endless loop without a position",
-                        do="jump to an item with a position, or remove the jump",
-                    )
-                )  # fmt: skip
-                at += 1
-                continue
-            if times < 0 and at not in endless:
-                endless.add(at)
-                findings.append(
-                    CheckFinding(
-                        kind="endless", weight="look", items=(at, at),
-                        what=f"jumps back to item {target:g} endlessly; {PATH.endless_passes} rounds were judged",
-                        do="specify the number of repeats, or monitor the battery",
-                    )
-                )  # fmt: skip
-            if taken[at] < (PATH.endless_passes if times < 0 else times):
-                taken[at] += 1
-                at = int(target)
+                found("jump", "breaks", at, f"{leads}; {there}", "jump to an item of the mission")
+            elif (
+                target <= at
+                and times != 0
+                and all(one.command > LAST_NAVIGATION for one in items[int(target) - 1 : at - 1])
+            ):
+                do = "jump to an item with a position, or remove the jump"
+                found("jump", "breaks", int(target), f"{leads}: an endless loop without a position", do)
             else:
-                at += 1
+                if times < 0 and not taken[at]:
+                    what = f"jumps back to item {target:g} endlessly; {PATH.endless_passes} rounds were judged"
+                    found("endless", "look", at, what, "specify the number of repeats, or monitor the battery")
+                if taken[at] < (PATH.endless_passes if times < 0 else times):
+                    taken[at] += 1
+                    following = int(target)
+        at = following
         if len(order) >= PATH.max_steps or sum(taken.values()) >= PATH.max_steps:
-            findings.append(
-                CheckFinding(
-                    kind="endless", weight="unknown", items=(at, at),
-                    what=f"with its jumps the mission has more than {PATH.max_steps} items; the later ones were not judged",
-                    do="reduce the repeats of the jumps",
-                )
-            )  # fmt: skip
+            what = f"with its jumps the mission has more than {PATH.max_steps} items; the later ones were not judged"
+            found("endless", "unknown", at, what, "reduce the repeats of the jumps")
             break
     return ItemOrder(tuple(order), tuple(findings))

@@ -192,12 +192,8 @@ def _too_many(query: CheckQuery, read: ReadMission) -> list[CheckFinding]:
     count = len(read.mission.items)
     if query.most_items is not None and count > query.most_items:
         found.append((f"{count} items; the limit is {query.most_items}", count - query.most_items))
-    return [
-        CheckFinding(
-            kind="items", weight="breaks", by=float(over), what=what, do="split it: --fix --max-items N -o FILE"
-        )
-        for what, over in found
-    ]
+    do = "split it: --fix --max-items N -o FILE"
+    return [CheckFinding(kind="items", weight="breaks", by=float(over), what=what, do=do) for what, over in found]
 
 
 def read_mission_file(path: Path) -> ReadMission:
@@ -215,15 +211,9 @@ def read_mission_file(path: Path) -> ReadMission:
     route = read_route_file(path)
     if route is not None:
         return ReadMission(
-            route.mission,
-            None,
-            None,
-            "multirotor",
-            route.repairs,
-            route.return_height_m,
-            route.speed_m_s,
-            route.numbers,
-        )
+            route.mission, kind="multirotor", repairs=route.repairs, return_height_m=route.return_height_m,
+            speed_m_s=route.speed_m_s, points=route.numbers,
+        )  # fmt: skip
     if suffix == ".plan":
         try:
             decoded = text_from_bytes(path.read_bytes())

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from uavcover.errors import InputError
-from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, joined
+from uavcover.extras.check.findings import CheckFinding, FlownPath, joined
 from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
 from uavcover.kernels.arrays import FloatArray
@@ -21,23 +22,20 @@ from uavcover.terrain.ground import Ground
 # Fence, no-fly zones and distance from home, along every segment at its full length.
 
 
-def fence_findings(path: FlownPath, world: World, fence: LocalFence) -> list[CheckFinding]:
+def fence_findings(path: FlownPath, world: World, around: Surroundings) -> list[CheckFinding]:
     """Segments that leave the fence, or enter what it keeps out."""
     found = []
     for segment in path.distinct:
         if not np.isfinite(segment.enu_m).all():
             continue
-        beyond = beyond_fence(segment.enu_m[:, :2], fence)
+        beyond = beyond_fence(segment.enu_m[:, :2], around.fence)
         if beyond is None:
             continue
         depth_m, place = beyond
         lat, lon, _ = world.geodetic([*place, 0.0])
-        found.append(
-            CheckFinding(
-                kind="fence", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, by=depth_m, unit="m",
-                what=f"{depth_m:.1f} m beyond the fence", do="move the items inside, or enlarge the fence",
-            )
-        )  # fmt: skip
+        what = f"{depth_m:.1f} m beyond the fence"
+        one = segment.found("fence", depth_m, what=what, do="move the items inside, or enlarge the fence")
+        found.append(replace(one, lat_deg=lat, lon_deg=lon))
     return joined(found, lambda one: one.kind)
 
 
@@ -81,9 +79,9 @@ def _farthest(part: BaseGeometry, shape: shapely.Geometry) -> tuple[float, tuple
     return float(depths[k]), (float(places[k, 0]), float(places[k, 1]))
 
 
-def zone_findings(path: FlownPath, world: World, surroundings: Surroundings) -> list[CheckFinding]:
+def zone_findings(path: FlownPath, world: World, around: Surroundings) -> list[CheckFinding]:
     """Segments that enter no-fly zones between their floor and ceiling."""
-    check = ZoneCheck(surroundings.zones, world.ground, world.frame)
+    check = ZoneCheck(around.zones, world.ground, world.frame)
     found = []
     for segment in path.distinct:
         worst: dict[int, tuple[float, FloatArray]] = {}
@@ -91,18 +89,11 @@ def zone_findings(path: FlownPath, world: World, surroundings: Surroundings) -> 
             begin, end = segment.enu_m[breach.leg], segment.enu_m[breach.leg + 1]
             if breach.depth_m > worst.get(breach.zone, (0.0, None))[0]:
                 worst[breach.zone] = breach.depth_m, begin + breach.at * (end - begin)
-        found += [_in_zone(segment, world, surroundings, zone, *deep) for zone, deep in sorted(worst.items())]
+        for number, (depth_m, place) in sorted(worst.items()):
+            zone = around.zones[number]
+            what = f"{depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})"
+            found.append(segment.found("no-fly", depth_m, what=what, do="fly around it").at(world.geodetic(place)))
     return joined(sorted(found, key=lambda one: one.what.split(" into ")[-1]), lambda one: one.what.split(" into ")[-1])
-
-
-def _in_zone(
-    segment: Segment, world: World, surroundings: Surroundings, number: int, depth_m: float, place: FloatArray
-) -> CheckFinding:
-    zone = surroundings.zones[number]
-    return CheckFinding(
-        kind="no-fly", weight="breaks", items=segment.items, by=depth_m, unit="m",
-        what=f"{depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})", do="fly around it",
-    ).at(world.geodetic(place))  # fmt: skip
 
 
 def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[CheckFinding]:
@@ -115,13 +106,9 @@ def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[Che
         k = int(np.argmax(distances))
         if distances[k] > limits.max_distance_m + CHECKS.boundary_tolerance_m:
             over_m = float(distances[k]) - limits.max_distance_m
-            found.append(
-                CheckFinding(
-                    kind="distance", weight="breaks", items=segment.items, by=over_m,
-                    unit="m", what=f"{distances[k]:.0f} m from home; the limit is {limits.max_distance_m:g} m",
-                    do="take off closer to the mission, or raise --max-distance",
-                ).at(world.geodetic(segment.enu_m[k]))
-            )  # fmt: skip
+            what = f"{distances[k]:.0f} m from home; the limit is {limits.max_distance_m:g} m"
+            do = "take off closer to the mission, or raise --max-distance"
+            found.append(segment.found("distance", over_m, what=what, do=do).at(world.geodetic(segment.enu_m[k])))
     return joined(found, lambda one: one.kind)
 
 
@@ -152,10 +139,7 @@ def with_obstacles(
             raise InputError(
                 f"--obstacles: {name}: is in metres of a scenario's local frame; use longitudes and latitudes"
             )
-        rings = [
-            frame.enu_from_geodetic(lat, lon, frame.alt_amsl_m)[:, :2]
-            for lon, lat in (np.asarray(ring, float).T for ring in one.rings_lon_lat_deg)
-        ]
+        rings = [frame.en_from_lon_lat(ring) for ring in one.rings_lon_lat_deg]
         polygon = shapely.Polygon(rings[0], rings[1:])
         if not polygon.is_valid:
             raise InputError(f"--obstacles: {name}: {shapely.is_valid_reason(polygon)}; draw it again")
@@ -175,23 +159,11 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
             continue
         short_m, name, place = nearest
         clearance_m = around.obstacle_clearance_m
-        words = (
-            f"through obstacle {name}"
-            if short_m >= clearance_m
-            else f"{clearance_m - short_m:.1f} m from obstacle {name}"
-        )
-        found.append(
-            CheckFinding(
-                kind="obstacle", weight="breaks", items=segment.items, by=short_m,
-                unit="m", what=f"{words}; the limit is {clearance_m:g} m",
-                do="fly around or over it, or allow less with --obstacle-clearance",
-            ).at(world.geodetic(place))
-        )  # fmt: skip
-    return joined(found, _of_which)
-
-
-def _of_which(found: CheckFinding) -> object:
-    return found.what.split(" obstacle ")[-1]
+        side = "through" if short_m >= clearance_m else f"{clearance_m - short_m:.1f} m from"
+        what = f"{side} obstacle {name}; the limit is {clearance_m:g} m"
+        do = "fly around or over it, or allow less with --obstacle-clearance"
+        found.append(segment.found("obstacle", short_m, what=what, do=do).at(world.geodetic(place)))
+    return joined(found, lambda one: one.what.split(" obstacle ")[-1])
 
 
 def nearest_obstacle(points_m: FloatArray, world: World, around: Surroundings) -> tuple[float, str, FloatArray] | None:

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mission_io.model.items import Command, GeoPoint, Mission
 from mission_io.model.places import FAR_FROM_HOME_M, ground_distance_m
-from uavcover.extras.check.findings import CheckFinding
+from uavcover.extras.check.findings import CheckFinding, Weight
 from uavcover.extras.check.tuning import PATH
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.vehicle import AutopilotName
@@ -55,20 +55,13 @@ def places_of(
     ground = _heights(heights, lat, lon)
     at = _home_place(mission, home, lat, lon, findings)
     if at is None:
-        findings.append(
-            CheckFinding(
-                kind="place", weight="unknown", what="no item has a position", do="use a mission with positions"
-            )
-        )
+        what, do = "no item has a position", "use a mission with positions"
+        findings.append(CheckFinding(kind="place", weight="unknown", what=what, do=do))
         return MissionPlaces(None, frozenset(), tuple(findings))
     height = float(_heights(heights, np.array([at[0]]), np.array([at[1]]))[0])
     if not math.isfinite(height) and (why := doubt(*at)):
-        findings.append(
-            CheckFinding(
-                kind="suspect-ground", weight="unknown", items=(0, 0), lat_deg=at[0], lon_deg=at[1],
-                what=f"home, the reference of the heights, is on {why}", do=OTHER_DATA,
-            )
-        )  # fmt: skip
+        what = f"home, the reference of the heights, is on {why}"
+        findings.append(_at("suspect-ground", "unknown", 0, at, what=what, do=OTHER_DATA))
         return MissionPlaces(None, frozenset(), tuple(findings))
     if not math.isfinite(height):
         findings.append(_home_elsewhere(at, heights, known=bool(np.isfinite(ground).any())))
@@ -80,8 +73,15 @@ def places_of(
     return MissionPlaces(GeoPoint(at[0], at[1], height), frozenset(skipped), tuple(findings))
 
 
+def _at(
+    kind: str, weight: Weight, number: int, lat_lon_deg: tuple[float, float], *, what: str, do: str
+) -> CheckFinding:
+    lat, lon = map(float, lat_lon_deg)
+    return CheckFinding(kind=kind, weight=weight, items=(number, number), lat_deg=lat, lon_deg=lon, what=what, do=do)
+
+
 def _is_place(lat_deg: float, lon_deg: float) -> bool:
-    return math.isfinite(lat_deg) and math.isfinite(lon_deg) and not (lat_deg == 0.0 and lon_deg == 0.0)
+    return math.isfinite(lat_deg) and math.isfinite(lon_deg) and (lat_deg, lon_deg) != (0.0, 0.0)
 
 
 def _heights(heights: Heights, lat: FloatArray, lon: FloatArray) -> FloatArray:
@@ -106,17 +106,8 @@ def _home_place(
         return mission.home.lat_deg, mission.home.lon_deg
     if not len(lat):
         return None
-    findings.append(
-        CheckFinding(
-            kind="home",
-            weight="look",
-            items=(0, 0),
-            lat_deg=float(lat[0]),
-            lon_deg=float(lon[0]),
-            what="the mission has no home; judged as if it took off below its first position",
-            do="specify it with --home LAT,LON",
-        ),
-    )
+    what = "the mission has no home; judged as if it took off below its first position"
+    findings.append(_at("home", "look", 0, (lat[0], lon[0]), what=what, do="specify it with --home LAT,LON"))
     return float(lat[0]), float(lon[0])
 
 
@@ -125,32 +116,21 @@ def _home_elsewhere(at: tuple[float, float], heights: Heights, *, known: bool) -
     if swapped:
         what, do = "latitude and longitude of home are swapped", "swap them"
     elif known:
-        what, do = (
-            "home is outside the elevation data, but the route is inside",
-            "specify the take-off position with --home LAT,LON",
-        )
+        what = "home is outside the elevation data, but the route is inside"
+        do = "specify the take-off position with --home LAT,LON"
     else:
         what, do = "the mission is outside the elevation data", "use the elevation data of its location"
-    return CheckFinding(kind="place", weight="breaks", items=(0, 0), lat_deg=at[0], lon_deg=at[1], what=what, do=do)
+    return _at("place", "breaks", 0, at, what=what, do=do)
 
 
 def _compare_home(stated_m: float, at: tuple[float, float], height_m: float, findings: list[CheckFinding]) -> None:
     if math.isfinite(stated_m) and abs(stated_m - height_m) > PATH.home_difference_m:
-        findings.append(
-            CheckFinding(
-                kind="home",
-                weight="look",
-                items=(0, 0),
-                lat_deg=at[0],
-                lon_deg=at[1],
-                alt_amsl_m=stated_m,
-                by=abs(stated_m - height_m),
-                unit="m",
-                what=f"home is {stated_m:.0f} m above sea level in the file, but the ground there is {height_m:.0f} "
-                "m; heights above home were taken from the ground",
-                do="compare the vertical datums, or move home",
-            ),
+        what = (
+            f"home is {stated_m:.0f} m above sea level in the file, but the ground there is {height_m:.0f} m; "
+            "heights above home were taken from the ground"
         )
+        found = _at("home", "look", 0, at, what=what, do="compare the vertical datums, or move home")
+        findings.append(replace(found, alt_amsl_m=stated_m, by=abs(stated_m - height_m), unit="m"))
 
 
 def _far_items(
@@ -172,35 +152,17 @@ def _far_items(
         else:
             continue  # near, over unknown ground: the legs tell
         skipped.append(number)
-        findings.append(
-            CheckFinding(
-                kind="place",
-                weight="breaks",
-                items=(number, number),
-                lat_deg=float(lat),
-                lon_deg=float(lon),
-                by=distance_m,
-                unit="m",
-                what=what,
-                do=f"{do}; the item was ignored",
-            ),
-        )
+        found = _at("place", "breaks", number, (lat, lon), what=what, do=f"{do}; the item was ignored")
+        findings.append(replace(found, by=distance_m, unit="m"))
     return skipped
 
 
 def _zeros(mission: Mission, autopilot: AutopilotName, findings: list[CheckFinding]) -> None:
     for number, item in enumerate(mission.items, 1):
         if item.has_position and item.lat_deg == 0.0 and item.lon_deg == 0.0 and item.command == Command.NAV_WAYPOINT:
-            px4 = autopilot == "px4"
+            weight: Weight = "breaks" if autopilot == "px4" else "look"
+            what = "this waypoint is at latitude 0, longitude 0"
+            what += "" if autopilot == "px4" else ": ArduPilot stays where it is"
             findings.append(
-                CheckFinding(
-                    kind="place",
-                    weight="breaks" if px4 else "look",
-                    items=(number, number),
-                    lat_deg=0.0,
-                    lon_deg=0.0,
-                    what="this waypoint is at latitude 0, longitude 0"
-                    + ("" if px4 else ": ArduPilot stays where it is"),
-                    do="specify its position, or remove it",
-                ),
+                _at("place", weight, number, (0.0, 0.0), what=what, do="specify its position, or remove it")
             )

@@ -170,7 +170,7 @@ class _Shooting:
 
     def fly(self, segment: Segment) -> None:
         """Fly on, and note the way for the series that are on."""
-        points = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
+        points = segment.known_m
         if len(points) < 2:
             return
         steps = np.diff(points, axis=0)

@@ -16,7 +16,7 @@ from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
 from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import World
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.area import Area, Rings
 from uavcover.model.limits import FlightLimits, Home
@@ -109,11 +109,7 @@ def _map(
     read_ground: GroundReader,
 ) -> CoverageMap:
     """The area's cells in the mission's frame, with the ground under area and photos."""
-
-    def ring(places: tuple[tuple[float, float], ...]) -> FloatArray:
-        lon, lat = np.asarray(places, float).T
-        return np.asarray(world.frame.enu_from_geodetic(lat, lon, world.home_alt_amsl_m)[:, :2])
-
+    ring = world.frame.en_from_lon_lat
     outline = shapely.union_all(
         [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in parts]
     )
@@ -124,12 +120,8 @@ def _map(
         raise InputError(f"--area: the area is {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")
     cell_m = round(max(math.sqrt(outline.area / PATH.cells), PATH.finest_cell_m), 1)
     west, south, east, north = shapely.union_all([outline, shapely.MultiPoint(pictures.places_m[:, :2])]).bounds
-    bounds = (
-        west - PATH.view_around_m,
-        south - PATH.view_around_m,
-        east + PATH.view_around_m,
-        north + PATH.view_around_m,
-    )
+    around_m = PATH.view_around_m
+    bounds = (west - around_m, south - around_m, east + around_m, north + around_m)
     ground, bare = read_ground(world.frame, bounds)
     forward, side = (None, 0.0) if query.overlap is None else overlaps(query.overlap)
     sensor = FrameCamera(
@@ -225,40 +217,32 @@ def _findings(
 ) -> list[CheckFinding]:  # fmt: skip
     found = []
     if document["pictures"] == 0:
-        found.append(
-            CheckFinding(
-                kind="pictures", weight="breaks", what="no item of the mission takes a photo",
-                do="insert camera items, or specify the camera's own interval with --picture-every",
-            )
-        )  # fmt: skip
+        what = "no item of the mission takes a photo"
+        do = "insert camera items, or specify the camera's own interval with --picture-every"
+        found.append(CheckFinding(kind="pictures", weight="breaks", what=what, do=do))
     if query.coverage is not None and document["coverage_fraction"] < query.coverage:
         would = percent_beside(document["coverage_fraction"], query.coverage)
-        whole = f"{would} of the area would be covered; {100.0 * query.coverage:g} % are required"
-        one = CheckFinding(
-            kind="coverage", weight="breaks", what=whole, do="add lines over the missing areas (see --map)"
-        )
+        what = f"{would} of the area would be covered; {100.0 * query.coverage:g} % are required"
+        do = "add lines over the missing areas (see --map)"
+        one = CheckFinding(kind="coverage", weight="breaks", what=what, do=do)
         if frame is not None and not unseen.is_empty:
             widest = max(unseen.geoms, key=lambda part: part.area).representative_point()
             lat, lon, _ = frame.geodetic_from_enu(np.array([[widest.x, widest.y, 0.0]]))
             one = replace(one, lat_deg=float(lat[0]), lon_deg=float(lon[0]))
         found.append(one)
     if document["overlap_holds"] is False:
-        found.append(
-            CheckFinding(
-                kind="overlap", weight="breaks", do="fly swaths closer together, or take photos more often",
-                what=f"{percent_beside(document['overlap_fraction'], OVERLAP_FRACTION)} of the area is in "
-                     f"{document['pictures_asked']} photos or more; {100.0 * OVERLAP_FRACTION:g} % are required for "
-                     f"an overlap of {query.overlap}",
-            )
-        )  # fmt: skip
+        what = (
+            f"{percent_beside(document['overlap_fraction'], OVERLAP_FRACTION)} of the area is in "
+            f"{document['pictures_asked']} photos or more; {100.0 * OVERLAP_FRACTION:g} % are required for "
+            f"an overlap of {query.overlap}"
+        )
+        do = "fly swaths closer together, or take photos more often"
+        found.append(CheckFinding(kind="overlap", weight="breaks", what=what, do=do))
     if camera.min_interval_s is not None and pictures.least_gap_s < camera.min_interval_s - 1e-6:
-        item = pictures.least_gap_item
+        items, short_s = (pictures.least_gap_item,) * 2, camera.min_interval_s - pictures.least_gap_s
+        what = f"a photo every {pictures.least_gap_s:.2f} s, but {camera.name} needs {camera.min_interval_s:g} s between photos"
+        do = "fly slower, or take fewer photos"
         found.append(
-            CheckFinding(
-                kind="pictures", weight="breaks", items=(item, item), by=camera.min_interval_s - pictures.least_gap_s, unit="s",
-                what=(f"a photo every {pictures.least_gap_s:.2f} s, but {camera.name} needs {camera.min_interval_s:g} "
-                     "s between photos"),
-                do="fly slower, or take fewer photos",
-            )
-        )  # fmt: skip
+            CheckFinding(kind="pictures", weight="breaks", items=items, by=short_s, unit="s", what=what, do=do)
+        )
     return found

@@ -121,14 +121,7 @@ def _refuse_what_is_not_plain(mission: Mission, aircraft: Aircraft) -> tuple[int
             )
             if number <= takeoffs[0] or not has_place or item.alt_m == 0.0:
                 raise refuse(number, "is a waypoint before the take-off, or without a position and a height of its own")
-        elif item.command not in (
-            *_TRIGGERS,
-            *_KEPT,
-            *_ONCE,
-            *_STOPS,
-            int(Command.NAV_TAKEOFF),
-            int(Command.NAV_DELAY),
-        ):
+        elif item.command not in (*_TRIGGERS, *_KEPT, *_ONCE, *_STOPS, Command.NAV_TAKEOFF, Command.NAV_DELAY):
             raise refuse(number, f"has command {int(item.command)}")
     if not any(item.command == Command.NAV_WAYPOINT for item in mission.items[:last]):
         raise refuse(0, "the mission has no waypoint")

@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from mission_io.model.areas import FramedPoint
 from mission_io.model.items import Command, Frame, Mission
 from uavcover.extras.check.aircraft import Aircraft, default_aircraft
-from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight
+from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight, along_m, places_at
 from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
 from uavcover.kernels.arrays import FloatArray, IntArray
@@ -43,12 +43,12 @@ def return_findings(
     rally_m = _rally_places(own.rally, world, aircraft)
     fence = allowed_area(around.fence)
     found = rally_findings(own.rally, rally_m, world, limits, fence)
-    segments = [segment for segment in path.distinct if segment.phase == "route" and len(_known(segment))]
+    segments = [segment for segment in path.distinct if segment.phase == "route" and len(segment.known_m)]
     if not segments:
         return found
     settings = _settings(aircraft, own)
     states = _states(segments, world)
-    ends = np.array([_known(segment)[-1] for segment in segments])
+    ends = np.array([segment.known_m[-1] for segment in segments])
     to = Destinations(
         np.array([0.0, 0.0, world.home_alt_amsl_m]), rally_m, np.column_stack([ends[:, :2], world.alts_amsl_m(ends)]),
         fence, _landing(mission, segments, aircraft),
@@ -60,22 +60,15 @@ def return_findings(
         clearance_m=limits.min_height_agl_m,
     )  # fmt: skip
     if aircraft.has_wings:
-        up, down = aircraft.max_climb_m_s, aircraft.max_descent_m_s
-        speed = aircraft.cruise_speed_m_s
-        paths = [
-            wings_return(
-                settings, states, to, returns.ground_alts_m, climb_slope=up / speed, descent_slope=down / speed
-            )
-        ]
-        judged = judge_paths(paths, settings, states, to, returns)
+        climb, descent = (
+            rate / aircraft.cruise_speed_m_s for rate in (aircraft.max_climb_m_s, aircraft.max_descent_m_s)
+        )
+        path_home = wings_return(settings, states, to, returns.ground_alts_m, climb_slope=climb, descent_slope=descent)
+        judged = judge_paths([path_home], settings, states, to, returns)
     else:
         judged = judge_returns(settings, states, to, returns)
     enough_m = judged.safe_return_height_m
     return found + [_finding(one, segments, world, settings, aircraft, enough_m) for one in judged.unsafe]
-
-
-def _known(segment: Segment) -> FloatArray:
-    return np.asarray(segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)])
 
 
 def _states(segments: Sequence[Segment], world: World) -> FlightStates:
@@ -83,21 +76,20 @@ def _states(segments: Sequence[Segment], world: World) -> FlightStates:
     places, velocities, times, legs, ahead = [], [], [], [], []
     now = 0.0
     for number, segment in enumerate(segments):
-        line = _known(segment)
-        steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-        reached = np.concatenate([[0.0], np.cumsum(steps)])
+        line = segment.known_m
+        length_m = along_m(line)[-1]
         speed = max(segment.speed_m_s, 0.1)
-        count = max(1, math.ceil(reached[-1] / min(CHECKS.return_step_m, speed * CHECKS.return_step_s)))
-        at = np.linspace(0.0, reached[-1], count + 1)
-        here = np.column_stack([np.interp(at, reached, line[:, axis]) for axis in range(3)])
+        count = max(1, math.ceil(length_m / min(CHECKS.return_step_m, speed * CHECKS.return_step_s)))
+        at = np.linspace(0.0, length_m, count + 1)
+        here = places_at(at, line)
         way = np.gradient(here[:, :2], axis=0)
         length = np.maximum(np.hypot(*way.T), 1e-9)[:, None]
         places.append(here)
         velocities.append(np.where(length > 1e-6, way / length * speed, 0.0))
         times.append(now + at / speed)
-        ahead.append(np.maximum(0.0, reached[-1] - at))
+        ahead.append(np.maximum(0.0, length_m - at))
         legs.append(np.full(len(here), number))
-        now += reached[-1] / speed + segment.wait_s
+        now += length_m / speed + segment.wait_s
     enu = np.vstack(places)
     return FlightStates(
         np.column_stack([enu[:, :2], world.alts_amsl_m(enu)]), np.vstack(velocities), np.concatenate(times),
@@ -134,18 +126,13 @@ def _finding(
     enough_m: float,
 ) -> CheckFinding:  # fmt: skip
     name = _HEIGHT_NAMES.get((aircraft.autopilot, aircraft.has_wings), "RTL_RETURN_ALT")
-    assumed = (
-        f"; {name} is assumed to have its default, {settings['return_height_m']:g} m"
-        if name in settings.assumed
-        else ""
-    )
-    height = (
-        f"set {name} to {math.ceil(enough_m)} m or more, and specify it with --return-height"
-        if enough_m < CHECKS.far_m
-        else ""
-    )
+    assumed, height = "", "use elevation data that covers the returns"
+    if name in settings.assumed:
+        assumed = f"; {name} is assumed to have its default, {settings['return_height_m']:g} m"
+    if enough_m < CHECKS.far_m:
+        height = f"set {name} to {math.ceil(enough_m)} m or more, and specify it with --return-height"
     do = {
-        "terrain": height or "use elevation data that covers the returns",
+        "terrain": height,
         "descent": "set the rally point's height, or the height at which the return ends, above the ground there",
         "unknown ground": "use elevation data that covers the returns",
         "obstacle": f"set a higher {name} and specify it with --return-height, or take off elsewhere",
@@ -214,63 +201,38 @@ def rally_findings(
         highest = limits.max_height_agl_m or math.inf
         amsl = point.frame is Frame.ABOVE_HOME and abs(point.alt_m - at) <= highest < high
         where = (point.lat_deg, point.lon_deg, float(alt) if math.isfinite(alt) else world.home_alt_amsl_m)
+        problems: list[tuple[Weight, float, str, str]] = []
         if not math.isfinite(high):
-            found.append(
-                _rally(number, where, "unknown", 0.0, "its height or the ground there is unknown", "specify both")
-            )
+            problems.append(("unknown", 0.0, "its height or the ground there is unknown", "specify both"))
         elif high < -CHECKS.ground_tolerance_m:
-            found.append(
-                _rally(
-                    number,
-                    where,
-                    "breaks",
-                    -high,
-                    f"it is {-high:.0f} m below the ground",
-                    "use a height above the ground",
-                )
-            )
+            problems.append(("breaks", -high, f"it is {-high:.0f} m below the ground", "use a height above the ground"))
         elif amsl:
-            found.append(
-                _rally(
-                    number, where, "breaks", high - highest,
-                    f"{point.alt_m:.0f} m above home is {high:.0f} m above ground; this value is a height above sea level",
-                    "specify it above home (frame 3), or in frame 0",
-                )
-            )  # fmt: skip
-        elif high > highest:
-            found.append(
-                _rally(
-                    number, where, "breaks", high - highest, f"it is {high:.0f} m above ground", "use a lower height"
-                )
+            what = (
+                f"{point.alt_m:.0f} m above home is {high:.0f} m above ground; this value is a height above sea level"
             )
+            problems.append(("breaks", high - highest, what, "specify it above home (frame 3), or in frame 0"))
+        elif high > highest:
+            problems.append(("breaks", high - highest, f"it is {high:.0f} m above ground", "use a lower height"))
         if fence is not None and not bool(shapely.covers(fence, shapely.Point(east, north))):
             away = float(shapely.distance(fence, shapely.Point(east, north)))
-            found.append(
-                _rally(
-                    number, where, "breaks", away, f"it is {away:.0f} m outside the fence", "move it inside the fence"
-                )
+            problems.append(("breaks", away, f"it is {away:.0f} m outside the fence", "move it inside the fence"))
+        for weight, by, what, do in problems:
+            one = CheckFinding(
+                kind="rally", weight=weight, by=float(by), unit="m", what=f"rally point {number}: {what}", do=do
             )
+            found.append(one.at(where))
     return found
-
-
-def _rally(
-    number: int, where: tuple[float, float, float], weight: Weight, by: float, what: str, do: str
-) -> CheckFinding:
-    return CheckFinding(
-        kind="rally", weight=weight, by=float(by), unit="m", what=f"rally point {number}: {what}", do=do
-    ).at(where)
 
 
 def places_along(segment: Segment) -> FloatArray:
     """(n, 3) places of a segment, ``CHECKS.return_line_step_m`` apart or nearer."""
-    line = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
+    line = segment.known_m
     if len(line) < 2:
         return line
-    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    reached = np.concatenate([[0.0], np.cumsum(steps)])
+    reached = along_m(line)
     count = max(1, math.ceil(reached[-1] / CHECKS.return_line_step_m))
     at = np.union1d(np.linspace(0.0, reached[-1], count + 1), reached if len(line) <= 3 else reached[[0, -1]])
-    return np.column_stack([np.interp(at, reached, line[:, axis]) for axis in range(3)])
+    return places_at(at, line)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -140,9 +140,8 @@ def local_fence(source: FenceSource | None, world: World, autopilot: AutopilotNa
     if source is None:
         return LocalFence()
     if not isinstance(source, Fence):
-        parts = [
-            shapely.Polygon(_ring(outer, world), [_ring(hole, world) for hole in holes]) for outer, *holes in source
-        ]
+        ring = world.frame.en_from_lon_lat
+        parts = [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in source]
         return LocalFence(inside=tuple(_valid(part, n) for n, part in enumerate(parts)), any_inside=True)
     polygons = [
         (_valid(shapely.Polygon(_corners(one.vertices, world)), number), one.inclusion)
@@ -166,10 +165,5 @@ def _valid(polygon: shapely.Polygon, number: int) -> shapely.Polygon:
     return polygon
 
 
-def _ring(ring: "tuple[tuple[float, float], ...]", world: World) -> FloatArray:
-    lon, lat = np.asarray(ring, float).T
-    return np.asarray(world.frame.enu_from_geodetic(lat, lon, world.home_alt_amsl_m)[:, :2])
-
-
 def _corners(vertices: tuple[LatLon, ...], world: World) -> FloatArray:
-    return _ring(tuple((one.lon_deg, one.lat_deg) for one in vertices), world)
+    return world.frame.en_from_lon_lat([(one.lon_deg, one.lat_deg) for one in vertices])

@@ -1,7 +1,5 @@
 """A plan on paper: one HTML page that prints on A4, opens without a network and runs no script."""
 
-import base64
-import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -10,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import contourpy
-import jinja2
 import numpy as np
 import shapely
 from markupsafe import Markup
@@ -21,6 +18,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.sorties import Sortie
 from uavcover.model.vehicle import AutopilotName
 from uavcover.report.charts import PRINTED, Scale, nice_ticks
+from uavcover.report.page import hash_source, page_environment
 from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import sha256_of_content
@@ -305,17 +303,12 @@ def render_print(
     plan_sha256: str, aircraft: str | None = None,
 ) -> str:  # fmt: skip
     """The page; every text from files and options is escaped."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_PAGE),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     drawing, interval_m = map_svg(site, flights)
     style = (_PAGE / "print.css").read_text(encoding="utf-8")
     return plain_lines(
-        environment.get_template("print.html").render(
+        page_environment(_PAGE)
+        .get_template("print.html")
+        .render(
             scenario=site.scenario,
             site=site,
             home=_home(site),
@@ -335,13 +328,9 @@ def render_print(
             plan=plan_sha256[:12],
             version=metadata.version("uavcover"),
             style=Markup(style),
-            policy=f"default-src 'none'; style-src 'sha256-{_hash(style)}'",
+            policy=f"default-src 'none'; style-src {hash_source(style)}",
         )
     )
-
-
-def _hash(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _home(site: Site) -> dict[str, str]:

@@ -301,18 +301,15 @@ def plan_divided(
             at_a_time,
         ),
     ):
+        run = SearchRun(
+            effort=effort, started=effort.now(), executor=executor, should_stop=should_stop, on_progress=on_progress
+        )
         return plan_by_parts(
             site,
             parts=division.parts,
             settings=settings,
             select_rule=select_rule,
-            run=SearchRun(
-                effort=effort,
-                started=effort.now(),
-                executor=executor,
-                should_stop=should_stop,
-                on_progress=on_progress,
-            ),
+            run=run,
             run_tasks=search if kept is None else KeptParts(kept).before(search, is_whole=lambda: not should_stop()),
             run_blocks=look,
             workers=at_a_time,

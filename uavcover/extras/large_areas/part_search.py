@@ -123,7 +123,7 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
     scattered = cells.asked(CoverageMap(part, cell_size_m=part.scenario.area.cell_size_m, cut=make_scattered_cells))
     problem = scattered_problem(scattered)
     judges = [cells.asked(each) for each in judging_maps(part)]
-    lines = _beginnings(part, task)
+    lines = _constructed(part, task.goal) if task.route_m is None else [Route(task.route_m)]
     starts = starts_worth_looking_at(
         problem, lines, task.goal, lambda route: scattered.share_of_coverable(scattered.seen(route.waypoints_m))
     )
@@ -166,11 +166,6 @@ def _looked_at(site: Site, task: PartTask) -> Piece:
     reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m
     seen = shapely.union(task.area, shapely.LineString(task.route_m[:, :2]).buffer(reach_m))
     return polygons_of(shapely.intersection(seen, site.area))
-
-
-def _beginnings(part: Site, task: PartTask) -> list[Route]:
-    """The route so far; before there is one, lines."""
-    return _constructed(part, task.goal) if task.route_m is None else [Route(task.route_m)]
 
 
 def _constructed(part: Site, goal: float) -> list[Route]:

@@ -273,15 +273,9 @@ def plan_by_parts(
         budget_s = None if effort.budget_s is None else SHARES.parts * share * effort.budget_s * workers / len(areas)
         evaluations = max(1, int(share * effort.evaluations / len(areas)))
         tasks = tasks_of(
-            site,
-            areas,
-            routes,
-            aim,
-            round_number=number,
-            seed=settings.seed,
-            evaluations=evaluations,
+            site, areas, routes, aim, round_number=number, seed=settings.seed, evaluations=evaluations,
             budget_s=budget_s,
-        )
+        )  # fmt: skip
         know_each_other = routes is not None
         done_m: dict[int, FloatArray] = {}
         for task, route_m in run_tasks(site, tasks):

@@ -218,7 +218,8 @@ def _counted(
     kept = np.array([picture.name not in left_out for picture in placed.pictures])
     placed = placed.without(left_out)
     shown = shown_cells(coverage, placed, request.detection)
-    asked = pictures_asked(site.scenario.sensor) if _asks_overlap(request) else None
+    overlaps = request.area is None or request.area.overlap is not None
+    asked = pictures_asked(site.scenario.sensor) if overlaps else None
     verdict = PhotoVerdict(site, coverage, placed, shown, drawn_cells(coverage), asked, blur[kept], [], Judgement(), {})
     return replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
 
@@ -227,10 +228,6 @@ def _warned(doubts: list[str], user: User) -> list[str]:
     for doubt in doubts:
         user.warn(doubt)
     return doubts
-
-
-def _asks_overlap(request: PhotoRequest) -> bool:
-    return request.area is None or request.area.overlap is not None
 
 
 def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: PlacedPictures) -> FrameCamera:

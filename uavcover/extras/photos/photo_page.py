@@ -68,11 +68,9 @@ def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bo
     import pyogrio
     import pyogrio.errors
 
-    handle, name = (
-        tempfile.mkstemp(suffix=".gpkg", prefix=f".{path.stem}-", dir=path.parent) if path.parent.is_dir() else (-1, "")
-    )
-    if handle < 0:
+    if not path.parent.is_dir():
         raise OutputError(f"{path}: the file cannot be written: no such folder")
+    handle, name = tempfile.mkstemp(suffix=".gpkg", prefix=f".{path.stem}-", dir=path.parent)
     os.close(handle)
     part = Path(name)
     part.unlink()
@@ -121,12 +119,10 @@ def _pictures(verdict: PhotoVerdict) -> Layer:
 
 def _gaps(verdict: PhotoVerdict) -> Layer:
     features = gaps_geojson(verdict.coverage, verdict.gaps)["features"]
-    rows = [feature["properties"] for feature in features]
+    kinds = {"reason": object, "area_m2": float, "cells": np.int64, "coverable": bool}
     return [shapely.geometry.shape(feature["geometry"]) for feature in features], {
-        "reason": np.array([properties["reason"] for properties in rows], dtype=object),
-        "area_m2": np.array([properties["area_m2"] for properties in rows], dtype=float),
-        "cells": np.array([properties["cells"] for properties in rows], dtype=np.int64),
-        "coverable": np.array([properties["coverable"] for properties in rows], dtype=bool),
+        name: np.array([feature["properties"][name] for feature in features], dtype=kind)
+        for name, kind in kinds.items()
     }
 
 
@@ -156,37 +152,22 @@ def render_photo_report(verdict: PhotoVerdict) -> str:
 
 def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
     document = verdict.document
-    rows = [
-        {
-            "name": "Sure coverage of visible ground",
-            "asked": f"at least {percent(document['required'])}",
-            "found": f"{percent(document['surely'])}; possibly {percent(document['possibly'])}",
-            "holds": _HOLDS[document["coverage_holds"]],
-        }
-    ]
+    asked, found = f"at least {percent(document['required'])}", percent(document["surely"])
+    found += f"; possibly {percent(document['possibly'])}"
+    rows = [("Sure coverage of visible ground", asked, found, _HOLDS[document["coverage_holds"]])]
     if document["pictures_asked"] is not None:
         rule = overlap_rule(verdict.site.scenario.sensor)
-        rows.append(
-            {
-                "name": f"Area in at least {document['pictures_asked']} photos"
-                + ("" if rule is None else f" ({rule})"),
-                "asked": f"at least {percent(document['overlap_required'])}",
-                "found": percent(document["overlap_fraction"]),
-                "holds": "yes" if document["overlap_holds"] else "NO",
-            }
-        )
+        name = f"Area in at least {document['pictures_asked']} photos" + ("" if rule is None else f" ({rule})")
+        asked, found = f"at least {percent(document['overlap_required'])}", percent(document["overlap_fraction"])
+        rows.append((name, asked, found, "yes" if document["overlap_holds"] else "NO"))
     searched = document["detection"]
     if searched is not None:
-        rows.append(
-            {
-                "name": f"Probability of detection, mean of the area ({searched['title']})",
-                "asked": "" if searched["asked"] is None else f"at least {percent(searched['asked'])}",
-                "found": f"{percent(searched['pod'])}; best photo alone {percent(searched['pod_best_look'])}, all photos "
-                f"independent {percent(searched['pod_every_picture'])}",
-                "holds": {None: "not required", True: "yes", False: "NO"}[searched["holds"]],
-            }
-        )
-    return rows
+        name = f"Probability of detection, mean of the area ({searched['title']})"
+        asked = "" if searched["asked"] is None else f"at least {percent(searched['asked'])}"
+        found = f"{percent(searched['pod'])}; best photo alone {percent(searched['pod_best_look'])}, all photos "
+        found += f"independent {percent(searched['pod_every_picture'])}"
+        rows.append((name, asked, found, {None: "not required", True: "yes", False: "NO"}[searched["holds"]]))
+    return [dict(zip(("name", "asked", "found", "holds"), row, strict=True)) for row in rows]
 
 
 def save_photo_report(verdict: PhotoVerdict, path: Path, user: User, *, force: bool) -> None:
@@ -221,12 +202,8 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
     if len(near):
         west, south = min(west, near[:, 0].min()), min(south, near[:, 1].min())
         east, north = max(east, near[:, 0].max()), max(north, near[:, 1].max())
-    bounds = (
-        float(west) - FIGURES.pad_m,
-        float(south) - FIGURES.pad_m,
-        float(east) + FIGURES.pad_m,
-        float(north) + FIGURES.pad_m,
-    )
+    pad_m = FIGURES.pad_m
+    bounds = (float(west) - pad_m, float(south) - pad_m, float(east) + pad_m, float(north) + pad_m)
     return {
         "bounds": rounded(np.array(bounds)),
         "relief": relief_image(site.ground, bounds),

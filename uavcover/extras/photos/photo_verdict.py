@@ -151,14 +151,10 @@ def footprint_polygons(verdict: PhotoVerdict) -> Iterator[tuple[int, shapely.Pol
 
 def footprints_geojson(verdict: PhotoVerdict) -> dict[str, Any]:
     """A polygon on the ground for each photo that counts (RFC 7946)."""
-    features = [
-        {
-            "type": "Feature",
-            "geometry": shapely.geometry.mapping(shape),
-            "properties": {"name": verdict.placed.pictures[number].name},
-        }
-        for number, shape in footprint_polygons(verdict)
-    ]
+    features = []
+    for number, shape in footprint_polygons(verdict):
+        properties = {"name": verdict.placed.pictures[number].name}
+        features.append({"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": properties})
     return {"type": "FeatureCollection", "features": features}
 
 

@@ -40,7 +40,8 @@ class DBO(AskTellOptimizer):
     def _move(self, rng: np.random.Generator) -> FloatArray:
         x, here, worst = self._own_best.x, self._current_best, self._current_worst
         ever = self._archive.solutions.x[0]  # X^b
-        rollers, breeders, smalls, thieves = _groups(self._population_size)
+        n = self._population_size
+        rollers, breeders, smalls, thieves = np.split(np.arange(n), np.cumsum(group_sizes(n))[:-1])
 
         rolled = roller(
             x[rollers], self._previous[rollers], _each(worst, rollers), k=self.deflection, b=self.step, rng=rng
@@ -92,11 +93,6 @@ class DBO(AskTellOptimizer):
         self._own_best = Solutions(memory["x"], memory["objectives"], memory["violations"])
         self._previous = memory["previous"]
         self._current_best, self._current_worst = memory["current_best"], memory["current_worst"]
-
-
-def _groups(population_size: int) -> list[IntArray]:
-    """Row numbers of the rollers, breeders, small beetles and thieves."""
-    return np.split(np.arange(population_size), np.cumsum(group_sizes(population_size))[:-1])
 
 
 def _each(position: FloatArray, members: IntArray) -> FloatArray:

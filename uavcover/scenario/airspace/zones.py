@@ -111,10 +111,9 @@ def local_zones(entries: Sequence[NoFly], frame: LocalFrame | None, places: shap
 
 def _local(entry: NoFly, frame: LocalFrame | None, name: str) -> Zone:
     def local(places: Sequence[tuple[float, float]]) -> FloatArray:
-        corners = np.asarray(places, dtype=float)
-        if not entry.is_geographic or frame is None:
-            return corners
-        return frame.enu_from_geodetic(corners[:, 1], corners[:, 0], frame.alt_amsl_m)[:, :2]
+        if entry.is_geographic and frame is not None:
+            return frame.en_from_lon_lat(places)
+        return np.asarray(places, dtype=float)
 
     center = entry.center_lon_lat_deg or entry.center_east_north_m
     if center is not None and entry.radius_m is not None:

@@ -3,9 +3,7 @@
 Tables are CSV and Markdown; the picture shows hypervolume, and length at the required coverage, over processor time.
 """
 
-import csv
 import datetime
-import io
 import math
 import statistics
 from collections.abc import Callable, Sequence
@@ -27,21 +25,14 @@ from uavcover.extras.benchmarks.coverage.summary import (
     ranks_markdown,
     read_outcomes,
 )
-from uavcover.extras.benchmarks.mmf.tables import markdown
-from uavcover.extras.benchmarks.runs import KeptRuns
-from uavcover.run.folder import write_text
+from uavcover.extras.benchmarks.runs import KeptRuns, csv_text, drawn, markdown, write_texts
 
 
 def draw(outcomes: Outcomes, path: Path) -> Path:
     """A column for each scenario; lines are means over the seeds, whiskers their extremes; returns the file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
     scenarios = outcomes.scenarios
-    page, axes = plt.subplots(2, len(scenarios), figsize=(3.1 * len(scenarios) + 0.6, 5.6), squeeze=False)
-    try:
+    with drawn(path, dpi=90) as plt:
+        page, axes = plt.subplots(2, len(scenarios), figsize=(3.1 * len(scenarios) + 0.6, 5.6), squeeze=False)
         for column, scenario in enumerate(scenarios):
             _panel(axes[0, column], outcomes, scenario, lambda sample: sample.hypervolume())
             _panel(axes[1, column], outcomes, scenario, lambda sample: sample.asked_m)
@@ -54,9 +45,6 @@ def draw(outcomes: Outcomes, path: Path) -> Path:
         }
         page.legend(entries.values(), entries.keys(), loc="lower center", ncol=len(entries) or 1, fontsize=8)
         page.tight_layout(rect=(0.0, 0.06, 1.0, 1.0))
-        page.savefig(path, dpi=90)
-    finally:
-        plt.close(page)
     return path
 
 
@@ -103,9 +91,7 @@ _FORTY = 40
 
 def runs_csv(outcomes: Outcomes) -> str:
     """``runs.csv``: a row for each choice of each moment of each run; unrounded."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
+    rows = []
     for sample in outcomes.every():
         run = sample.outcome.run
         volumes = (sample.hypervolume(), sample.hypervolume(from_coverage=HIGH_COVERAGE))
@@ -119,14 +105,14 @@ def runs_csv(outcomes: Outcomes) -> str:
                     chosen.met, chosen.coverage, chosen.hold_out, chosen.waypoints, chosen.length_m, chosen.violation,
                     chosen.made_by, equal_m,
                 )  # fmt: skip
-            writer.writerow(
+            rows.append(
                 [
                     run.scenario, run.algorithm, run.effort, run.number, sample.moment.at_s, choice, *figures,
                     outcomes.best_baseline_m(run.scenario), len(sample.moment.front), *volumes, sample.fewest_full,
                     sample.most_with(_FORTY), sample.outcome.evaluations, sample.outcome.cpu_s,
                 ]
             )  # fmt: skip
-    return text.getvalue()
+    return csv_text(_COLUMNS, rows)
 
 
 def tables_markdown(outcomes: Outcomes, *, version: str, command: str, date: str) -> str:
@@ -247,9 +233,7 @@ def write_results(folder: KeptRuns, *, command: str) -> list[Path]:
         "runs.csv": runs_csv(outcomes),
         "table.md": tables_markdown(outcomes, version=version("uavcover"), command=command, date=date),
     }
-    for name, text in texts.items():
-        write_text(folder.path / name, text)
-    files = [folder.path / name for name in texts]
+    files = write_texts(folder.path, texts)
     if outcomes.scenarios:
         files.append(draw(outcomes, folder.path / "coverage.png"))
     return files

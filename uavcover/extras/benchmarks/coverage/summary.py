@@ -21,9 +21,8 @@ from uavcover.extras.benchmarks.coverage.judging import (
     read_moment,
 )
 from uavcover.extras.benchmarks.coverage.runs import CoverageRun, run_of_key
-from uavcover.extras.benchmarks.mmf.tables import markdown
 from uavcover.extras.benchmarks.rank_tests import compared, friedman
-from uavcover.extras.benchmarks.runs import KeptRuns
+from uavcover.extras.benchmarks.runs import KeptRuns, markdown
 
 HIGH_COVERAGE = 0.8
 """The second hypervolume counts only what sees more than this."""
@@ -165,13 +164,12 @@ def known(values: Sequence[float]) -> list[float]:
 
 def ranks_markdown(outcomes: Outcomes) -> str:
     """Both tables for every processor time that has enough runs of all; empty when none has."""
-    parts = []
-    for at_s in outcomes.times_s():
-        for label, from_coverage in (("HV", 0.0), ("HV80", HIGH_COVERAGE)):
-            outcome = _at(outcomes, at_s, label, from_coverage)
-            if outcome:
-                parts.append(outcome)
-    return "\n".join(parts)
+    parts = [
+        _at(outcomes, at_s, label, from_coverage)
+        for at_s in outcomes.times_s()
+        for label, from_coverage in (("HV", 0.0), ("HV80", HIGH_COVERAGE))
+    ]
+    return "\n".join(part for part in parts if part)
 
 
 def _at(outcomes: Outcomes, at_s: float, label: str, from_coverage: float) -> str:

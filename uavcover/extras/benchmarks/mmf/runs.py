@@ -6,10 +6,8 @@ where it was; only runs that are not there yet are made.
 
 import csv
 import inspect
-import io
-import json
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -17,14 +15,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from uavcover.errors import InputError, OutputError
+from uavcover.errors import InputError
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, MmfProblem
-from uavcover.extras.benchmarks.runs import completed_by
+from uavcover.extras.benchmarks.runs import completed_by, csv_text, reserved_folder, write_run
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers import ALGORITHMS, DBO, make_optimizer, optimizer_class
 from uavcover.optimizers.pymoo.adapters import spread_weights
-from uavcover.run.file_group import remove_half_written
-from uavcover.run.folder import RunFolder, json_text, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +151,6 @@ CONTENDERS: Final = MappingProxyType[str, Solver](
 """Every contender by name; `FLOOR` is no algorithm but uniform random points."""
 
 
-_SETTINGS = "settings.json"
 _COLON = "="
 """In the name of a folder, for the colon of ``module:Class``, which Windows does not take."""
 
@@ -182,34 +177,9 @@ class MmfFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    @contextmanager
-    def reserved(self, budget: Budget) -> Iterator[None]:
-        """Make the folder, or take up one made with the same budget, and keep other processes out of it.
-
-        Raises:
-            InputError: its runs were made with another budget.
-            OutputError: it has files but is none of ours, or cannot be written to.
-        """
-        with RunFolder(self.path).reserved([], force=False):
-            settings = self.path / _SETTINGS
-            if settings.exists():
-                self._check(budget, settings)
-            elif any(self.path.iterdir()):
-                raise OutputError(f"{self.path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
-            else:
-                write_text(settings, json_text(asdict(budget)))
-            remove_half_written((self.path / "sets").glob("*/*/*"))
-            yield
-
-    def _check(self, budget: Budget, settings: Path) -> None:
-        try:
-            before = Budget(**json.loads(settings.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError) as error:
-            raise InputError(f"{settings}: cannot be read ({error}); use another folder") from error
-        if before != budget:
-            raise InputError(
-                f"{self.path}: its runs were made with {_words_of(before)}, not with {_words_of(budget)}; use another folder"
-            )
+    def reserved(self, budget: Budget) -> AbstractContextManager[None]:
+        """As `uavcover.extras.benchmarks.runs.reserved_folder` does it, for runs of one budget."""
+        return reserved_folder(self.path, asdict(budget), runs="sets")
 
     def file(self, run: RunId) -> Path:
         """File of a run's solutions."""
@@ -238,16 +208,8 @@ class MmfFolder:
         Raises:
             OutputError: it cannot be written.
         """
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_header(x.shape[1], objectives.shape[1]))
-        writer.writerows(np.hstack([x, objectives]).tolist())
-        path = self.file(run)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{path.parent}: cannot be made ({error.strerror})") from error
-        write_text(path, text.getvalue())
+        rows = np.hstack([x, objectives]).tolist()
+        write_run(self.file(run), csv_text(_header(x.shape[1], objectives.shape[1]), rows))
 
     def read(self, run: RunId) -> tuple[FloatArray, FloatArray]:
         """The solutions ``(k, n)`` and their objectives ``(k, m)`` of a run.
@@ -275,10 +237,6 @@ def _folder_name(algorithm: str) -> str:
 
 def _header(n: int, m: int) -> list[str]:
     return [f"x{i + 1}" for i in range(n)] + [f"f{i + 1}" for i in range(m)]
-
-
-def _words_of(budget: Budget) -> str:
-    return f"population {budget.population}, {budget.iterations} iterations, archive {budget.archive}"
 
 
 @dataclass(frozen=True, slots=True)

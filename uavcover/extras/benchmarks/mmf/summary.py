@@ -3,11 +3,9 @@
 IGDx, cover rate and PSP are the MMF suite's indicators in decision space: plain distances, no normalisation.
 """
 
-import csv
-import io
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import astuple, dataclass
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -18,6 +16,7 @@ from uavcover.errors import OptimizerError
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.extras.benchmarks.mmf.runs import MmfFolder
+from uavcover.extras.benchmarks.runs import csv_text
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
 
@@ -61,7 +60,10 @@ def cover_rate(reference_set: ArrayLike, solutions: ArrayLike, *, ignored: Colle
 def pareto_sets_proximity(reference_set: ArrayLike, solutions: ArrayLike, *, ignored: Collection[int] = ()) -> float:
     """PSP = cover rate / IGDx (the paper's Eq. 25); more is better, infinite when IGDx is 0."""
     rate = cover_rate(reference_set, solutions, ignored=ignored)
-    distance = inverted_generational_distance(reference_set, solutions)
+    return _proximity(rate, inverted_generational_distance(reference_set, solutions))
+
+
+def _proximity(rate: float, distance: float) -> float:  # Eq. 25
     if rate == 0.0:
         return 0.0
     return rate / distance if distance > 0.0 else math.inf
@@ -95,7 +97,7 @@ def indicators(function: str, x: FloatArray, objectives: FloatArray) -> dict[str
         "IGD": inverted_generational_distance(reference.pareto_front, objectives),  # Eq. 24
         "IGDx": distance,
         "CR": rate,
-        "PSP": (rate / distance if distance > 0 else math.inf) if rate > 0 else 0.0,  # Eq. 25
+        "PSP": _proximity(rate, distance),
         "HV": hypervolume(objectives, problem.hypervolume_reference),
     }
 
@@ -128,25 +130,18 @@ def figure(values: FloatArray) -> Figure:
 
 def summary_csv(samples: Samples) -> str:
     """``summary.csv``: function, algorithm, metric, mean, std, median, runs; numbers unrounded."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["function", "algorithm", "metric", "mean", "std", "median", "runs"])
-    for (function, algorithm), columns in samples.items():
-        for metric, values in columns.items():
-            statistic = figure(values)
-            writer.writerow(
-                [function, algorithm, metric, statistic.mean, statistic.std, statistic.median, statistic.runs]
-            )
-    return text.getvalue()
+    rows = ([*key, *astuple(figure(values))] for key, values in _by_metric(samples))
+    return csv_text(["function", "algorithm", "metric", "mean", "std", "median", "runs"], rows)
 
 
 def runs_csv(samples: Samples) -> str:
     """``runs.csv``: function, algorithm, metric, then the value of each run."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     most = max((len(columns["IGD"]) for columns in samples.values()), default=0)
-    writer.writerow(["function", "algorithm", "metric", *range(1, most + 1)])
-    for (function, algorithm), columns in samples.items():
+    rows = ([*key, *values.tolist()] for key, values in _by_metric(samples))
+    return csv_text(["function", "algorithm", "metric", *range(1, most + 1)], rows)
+
+
+def _by_metric(samples: Samples) -> Iterator[tuple[tuple[str, str, str], FloatArray]]:
+    for key, columns in samples.items():
         for metric, values in columns.items():
-            writer.writerow([function, algorithm, metric, *values.tolist()])
-    return text.getvalue()
+            yield (*key, metric), values

@@ -4,9 +4,8 @@ Beside our figures stand those that the paper reports, and the highest PSP that 
 """
 
 import csv
-import io
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -22,7 +21,7 @@ from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.extras.benchmarks.mmf.runs import FLOOR, Budget, MmfFolder, RunId, table_order
 from uavcover.extras.benchmarks.mmf.summary import METRICS, Samples, figure, measured, runs_csv, summary_csv
 from uavcover.extras.benchmarks.rank_tests import Comparison, compared, friedman
-from uavcover.run.folder import write_text
+from uavcover.extras.benchmarks.runs import csv_text, drawn, markdown, write_texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,18 +123,6 @@ def functions(samples: Samples) -> list[str]:
     return [name for name in PROBLEMS if any(key[0] == name for key in samples)]
 
 
-def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table.
-
-    >>> print(markdown(["a", "b"], [["1", "2"]]))
-    | a | b |
-    |---|---|
-    | 1 | 2 |
-    """
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("|" + "|".join(f" {cell} " if cell != "---" else cell for cell in line) + "|" for line in lines)
-
-
 def short(value: float) -> str:
     """A figure with four digits, for people: the CSV files have it unrounded."""
     if math.isnan(value):
@@ -192,20 +179,12 @@ def _ratios(samples: Samples, metric: str) -> str:
         [function, *(short(ratios.get((function, name), math.nan)) for name in names)]
         for function in functions(samples)
     ]
-    for limit in (1.5, 2.0):
-        within = [
-            [1.0 / limit <= ratio <= limit for (_, other), ratio in ratios.items() if other == name] for name in names
-        ]
-        rows.append([f"within a factor of {limit:g}", *(f"{sum(every)} of {len(every)}" for every in within)])
-    at_least_as_good = [
-        [
-            ratio <= 1.0 if METRICS[metric] == "less" else ratio >= 1.0
-            for (_, other), ratio in ratios.items()
-            if other == name
-        ]
-        for name in names
-    ]
-    rows.append(["at least as good", *(f"{sum(every)} of {len(every)}" for every in at_least_as_good)])
+    good = (0.0, 1.0) if METRICS[metric] == "less" else (1.0, math.inf)
+    for title, (low, high) in {
+        **{f"within a factor of {limit:g}": (1.0 / limit, limit) for limit in (1.5, 2.0)}, "at least as good": good,
+    }.items():  # fmt: skip
+        within = [[low <= ratio <= high for (_, other), ratio in ratios.items() if other == name] for name in names]
+        rows.append([title, *(f"{sum(every)} of {len(every)}" for every in within)])
     return f"## {metric}: ours / the paper's\n\n{markdown(['function', *names], rows)}\n"
 
 
@@ -318,21 +297,17 @@ def median_run(folder: MmfFolder, samples: Samples, function: str, algorithm: st
 
 def draw(figure: PaperFigure, folder: MmfFolder, samples: Samples) -> Path:
     """Draw a panel for each algorithm, its median run over the reference; returns the file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
     names = [name for name in contestants(samples) if (figure.function, name) in samples]
     reference = reference_sets(figure.function)
     true = reference.pareto_front if figure.space == "front" else reference.pareto_set
     projection = "3d" if true.shape[1] == 3 else None
     columns = min(4, len(names))
     rows = math.ceil(len(names) / columns)
-    page, axes = plt.subplots(
-        rows, columns, figsize=(3.0 * columns, 2.8 * rows), squeeze=False, subplot_kw={"projection": projection}
-    )
-    try:
+    path = folder.path / f"figure{figure.number}.png"
+    with drawn(path, dpi=90) as plt:
+        page, axes = plt.subplots(
+            rows, columns, figsize=(3.0 * columns, 2.8 * rows), squeeze=False, subplot_kw={"projection": projection}
+        )
         for axis in axes.flat[len(names) :]:
             axis.set_visible(False)
         for name, axis in zip(names, axes.flat, strict=False):
@@ -341,10 +316,6 @@ def draw(figure: PaperFigure, folder: MmfFolder, samples: Samples) -> Path:
         what = "fronts" if figure.space == "front" else "sets"
         page.suptitle(f"As the paper's Figure {figure.number}: {what} on {figure.function} (grey: reference)")
         page.tight_layout()
-        path = folder.path / f"figure{figure.number}.png"
-        page.savefig(path, dpi=90)
-    finally:
-        plt.close(page)
     return path
 
 
@@ -380,23 +351,17 @@ def write_results(folder: MmfFolder, budget: Budget) -> list[Path]:
         "comparisons.csv": comparisons_csv(samples),
         "tables.md": tables_markdown(samples, budget, version=version("uavcover")),
     }
-    files = []
-    for name, text in texts.items():
-        write_text(folder.path / name, text)
-        files.append(folder.path / name)
     ran = functions(samples)
-    files += [draw(one, folder, samples) for one in FIGURES if one.function in ran]
-    return files
+    return write_texts(folder.path, texts) + [draw(one, folder, samples) for one in FIGURES if one.function in ran]
 
 
 def comparisons_csv(samples: Samples) -> str:
     """``comparisons.csv``: metric, algorithm, rival, function, p, p_holm, outcome (of the algorithm)."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["metric", "algorithm", "rival", "function", "p", "p_holm", "outcome"])
-    for metric in METRICS:
-        for pivot in pivots(samples):
-            for function, rivals in comparisons(samples, pivot, metric).items():
-                for one in rivals:
-                    writer.writerow([metric, pivot, one.rival, function, one.p, one.p_holm, one.outcome])
-    return text.getvalue()
+    rows = (
+        [metric, pivot, one.rival, function, one.p, one.p_holm, one.outcome]
+        for metric in METRICS
+        for pivot in pivots(samples)
+        for function, rivals in comparisons(samples, pivot, metric).items()
+        for one in rivals
+    )
+    return csv_text(["metric", "algorithm", "rival", "function", "p", "p_holm", "outcome"], rows)

@@ -4,8 +4,7 @@ The tables put what the runs of each reading come to beside the paper's figures,
 terrain and what both algorithms planned over it, from the side and from above.
 """
 
-import csv
-import io
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from uavcover.extras.benchmarks.mmf.tables import markdown
 from uavcover.extras.benchmarks.paper.runs import (
     ALGORITHMS,
     READINGS,
@@ -28,10 +26,9 @@ from uavcover.extras.benchmarks.paper.runs import (
     paper_runs,
     read_result,
 )
-from uavcover.extras.benchmarks.runs import KeptRuns
+from uavcover.extras.benchmarks.runs import KeptRuns, csv_text, drawn, markdown, write_texts
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.selection_rule import PAPER_WEIGHTS
-from uavcover.run.folder import write_text
 from uavcover.sensing.coverage_map import CoverageMap
 
 Results = Mapping[tuple[str, str], Sequence[PaperResult]]
@@ -120,17 +117,13 @@ def readings_done(results: Results) -> list[str]:
 
 def runs_csv(results: Results) -> str:
     """``runs.csv``: reading, algorithm, run, choice, coverage, nodes, length, cpu_s; unrounded."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["reading", "algorithm", "run", "choice", "coverage", "nodes", "length", "cpu_s"])
-    for (reading, algorithm), found in results.items():
-        for number, result in enumerate(found, start=1):
-            for choice, choose in CHOICES.items():
-                figures = choose([result]).figures
-                writer.writerow(
-                    [reading, algorithm, number, choice, figures.coverage, figures.nodes, figures.length, result.cpu_s]
-                )
-    return text.getvalue()
+    rows = (
+        [*key, number, choice, *dataclasses.astuple(choose([result]).figures), result.cpu_s]
+        for key, found in results.items()
+        for number, result in enumerate(found, start=1)
+        for choice, choose in CHOICES.items()
+    )
+    return csv_text(["reading", "algorithm", "run", "choice", "coverage", "nodes", "length", "cpu_s"], rows)
 
 
 def tables_markdown(results: Results, *, population: int, iterations: int, version: str) -> str:
@@ -211,16 +204,12 @@ _SIDE = 10.0
 
 def draw_terrain(path: Path) -> Path:
     """Figure 7: the terrain (Eq. 26); returns the file."""
-    plt = _pyplot()
-    page = plt.figure(figsize=(5.0, 3.8))
-    try:
+    with drawn(path, dpi=80) as plt:
+        page = plt.figure(figsize=(5.0, 3.8))
         axis = page.add_subplot(projection="3d")
         axis.plot_surface(*_surface(READINGS["planar"]), cmap="terrain", linewidth=0.0)
         axis.set(xlabel="x", ylabel="y", zlabel="z", title="As the paper's Figure 7: z = sin(y) cos(x)")
         page.tight_layout()
-        page.savefig(path, dpi=80)
-    finally:
-        plt.close(page)
     return path
 
 
@@ -229,9 +218,8 @@ def draw_schemes(path: Path, reading: Reading, schemes: dict[str, Scheme]) -> Pa
 
     The top view has what is seen in green and what is not in red.
     """
-    plt = _pyplot()
-    page = plt.figure(figsize=(9.0, 7.6))
-    try:
+    with drawn(path, dpi=80) as plt:
+        page = plt.figure(figsize=(9.0, 7.6))
         for column, algorithm in enumerate(ALGORITHMS):
             scheme = schemes[algorithm]
             figures = scheme.figures
@@ -245,9 +233,6 @@ def draw_schemes(path: Path, reading: Reading, schemes: dict[str, Scheme]) -> Pa
             axis.set_title(f"As Figure {top}: {algorithm}", fontsize=9)
         page.suptitle(f"{reading.name}: {reading.meaning}", fontsize=10)
         page.tight_layout()
-        page.savefig(path, dpi=80)
-    finally:
-        plt.close(page)
     return path
 
 
@@ -279,20 +264,11 @@ def _surface(reading: Reading) -> tuple[FloatArray, FloatArray, FloatArray]:
     return x, y, z
 
 
-def _pyplot() -> Any:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
-
-
 def read_results(folder: KeptRuns) -> Results:
     """All finished runs. Raises InputError: the file of a run cannot be read."""
     found: dict[tuple[str, str], list[PaperResult]] = {}
     done = set(folder.done())
-    for run in paper_runs(READINGS, ALGORITHMS, 1000):
+    for run in paper_runs(READINGS, 1000):
         if run.key in done:
             found.setdefault((run.reading, run.algorithm), []).append(read_result(folder, run))
     return found
@@ -309,25 +285,14 @@ def write_results(folder: KeptRuns) -> list[Path]:
     population, iterations = int(folder.settings["population"]), int(folder.settings["iterations"])
     text = tables_markdown(results, population=population, iterations=iterations, version=version("uavcover"))
     texts = {"runs.csv": runs_csv(results), "tables.md": text}
-    drawn: dict[str, dict[str, Scheme]] = {}
+    shown: dict[str, dict[str, Scheme]] = {}
     for reading in readings_done(results):
         for choice, choose in CHOICES.items():
             schemes: dict[str, Scheme] = {algorithm: choose(results[reading, algorithm]) for algorithm in ALGORITHMS}
-            drawn.setdefault(reading, schemes)
+            shown.setdefault(reading, schemes)
             for algorithm, scheme in schemes.items():
-                texts[f"route-{reading}-{algorithm}-{choice}.csv"] = _route_csv(scheme)
-    for name, text in texts.items():
-        write_text(folder.path / name, text)
-    files = [folder.path / name for name in texts]
-    files.append(draw_terrain(folder.path / "figure7.png"))
-    for reading, schemes in drawn.items():
+                texts[f"route-{reading}-{algorithm}-{choice}.csv"] = csv_text("xyz", scheme.route.tolist())
+    files = [*write_texts(folder.path, texts), draw_terrain(folder.path / "figure7.png")]
+    for reading, schemes in shown.items():
         files.append(draw_schemes(folder.path / f"figures8-11-{reading}.png", READINGS[reading], schemes))
     return files
-
-
-def _route_csv(scheme: Scheme) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["x", "y", "z"])
-    writer.writerows(scheme.route.tolist())
-    return text.getvalue()

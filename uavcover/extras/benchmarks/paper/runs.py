@@ -6,11 +6,10 @@ printed.
 
 import dataclasses
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -110,20 +109,18 @@ class PaperResult:
     cpu_s: float  # processor time
 
 
-def paper_runs(readings: Collection[str], algorithms: Collection[PlannerAlgorithm], runs: int) -> list[PaperRun]:
+def paper_runs(readings: Collection[str], runs: int) -> list[PaperRun]:
     """Every run, first runs first, so that a benchmark that is stopped early has seen everything once."""
     return [
         PaperRun(reading, algorithm, number)
         for number in range(1, runs + 1)
         for reading in readings
-        for algorithm in algorithms
+        for algorithm in ALGORITHMS
     ]
 
 
 @dataclass(frozen=True, slots=True)
 class _PaperTask:
-    folder: Path
-    settings: Mapping[str, str | int | float]
     run: PaperRun
     population: int
     iterations: int
@@ -142,12 +139,13 @@ def make_runs(
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.
     """
-    tasks = [_PaperTask(folder.path, folder.settings, run, population, iterations) for run in runs]
-    for task, _ in completed(_make, tasks, processes=processes):
+    tasks = [_PaperTask(run, population, iterations) for run in runs]
+    for task, document in completed(_make, tasks, processes=processes):
+        folder.write(task.run.key, document)
         yield task.run
 
 
-def _make(task: _PaperTask) -> None:
+def _make(task: _PaperTask) -> dict[str, Any]:
     run = task.run
     site = READINGS[run.reading].site()
     settings = dataclasses.replace(
@@ -160,10 +158,7 @@ def _make(task: _PaperTask) -> None:
     effort = Effort(settings.evaluations, None, time.process_time)
     plan = plan_routes(site, settings=settings, select_rule=RULE, effort=effort)
     chosen = next(k for k, member in enumerate(plan.members) if member is plan.chosen)
-    KeptRuns(task.folder, task.settings).write(
-        run.key,
-        {"chosen": chosen, "cpu_s": plan.wall_s, "members": [_member(member) for member in plan.members]},
-    )
+    return {"chosen": chosen, "cpu_s": plan.wall_s, "members": [_member(member) for member in plan.members]}
 
 
 def _member(member: RouteMember) -> dict[str, object]:
