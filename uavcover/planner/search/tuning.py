@@ -147,8 +147,8 @@ class FreeOrderTuning:
     Temperatures and prices "in cells" are in units of the coverage of one cell of average weight.
 
     Attributes:
-        tours, tours_asked, quench, spread, squeeze, long_spread, first_squeeze, late_tours, attempt: see
-            `uavcover.planner.budget.Shares`.
+        tours, tours_asked, tours_of_discs, rebuilt_stages, quench, spread, squeeze, long_spread, first_squeeze,
+            late_tours, attempt: see `uavcover.planner.budget.Shares`.
         tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour.
             Where all is to be seen no cell is worth less than the whole tour: single targets lie many radii apart.
         tour_hottest: temperature at the beginning of that search, in radii.
@@ -165,6 +165,8 @@ class FreeOrderTuning:
 
     tours: float = SHARES.free_tours
     tours_asked: float = SHARES.free_tours_asked
+    tours_of_discs: float = SHARES.free_tours_of_discs
+    rebuilt_stages: tuple[float, ...] = SHARES.free_rebuilt_stages
     tour_coverage_price: float = 1.5
     tour_hottest: float = 0.2
     rebuilt: float = 0.1
