@@ -158,7 +158,7 @@ def rebuild_tours(
         The starts, and the better tour of each stage.
     """
     tuned, reach_m, begin = work.tuning.free_order, work.problem.reach_m, work.pace.fraction
-    hottest, coldest = tuned.rebuilt_hottest * reach_m, work.tuning.goal.coldest * reach_m
+    hottest, coldest = (heat * reach_m for heat in tuned.discs_heats)
     known = list(starts)
     best, done = best_starts(work.problem, starts, FULL)[0].route, 0.0
     for stage in tuned.rebuilt_stages:

@@ -155,6 +155,7 @@ class FreeOrderTuning:
         rebuilt: share of the proposals that rebuild the tour around a waypoint, in one of the two chains at first, ...
         rebuilt_hottest: ... the temperature at its beginning, ...
         rebuilt_heat: ... and that of rebuilding, as a multiple.
+        discs_heats: temperatures at the beginning and at the end, in radii, where both chains rebuild.
         quenched: times the coldest temperature.
         hottest_cells, coldest_cells: temperatures.
         spread_heats, squeeze_heats, sweep_heats: of the two chains, as shares of the hottest.
@@ -172,6 +173,7 @@ class FreeOrderTuning:
     rebuilt: float = 0.1
     rebuilt_hottest: float = 0.02
     rebuilt_heat: float = 50.0
+    discs_heats: tuple[float, float] = (0.06, 2e-3)
     quench: float = SHARES.free_quench
     quenched: float = 5.0
     spread: float = SHARES.free_spread
