@@ -113,7 +113,8 @@ def test_workflows_load_no_planner_and_no_library_that_they_do_not_need() -> Non
 
 
 _NOT_FOR_A_PLAN = {
-    "rerun", "pymavlink", "matplotlib", "pyogrio", "asyncio", "scipy.fft", "scipy.spatial", "scipy.optimize", "scipy.stats",
+    "rerun", "pymavlink", "matplotlib", "pyogrio", "asyncio", "scipy.fft", "scipy.linalg", "scipy.ndimage", "scipy.optimize",
+    "scipy.sparse", "scipy.spatial", "scipy.special", "scipy.stats",
     "uavcover.flight", "uavcover.mock", "uavcover.recording", "uavcover.verification.verify", "uavcover.report",
     "mission_io.client", "mission_io.links", "mission_io.protocol",
 }  # fmt: skip

@@ -30,17 +30,24 @@ def row_of_cells() -> Site:
     )  # fmt: skip
 
 
-def plan_all(site: Site, evaluations: int, initial: tuple[InitialRoute, ...] | None = None) -> Plan:
+def plan_all(
+    site: Site, evaluations: int, initial: tuple[InitialRoute, ...] | None = None, rule: str = "max-coverage"
+) -> Plan:
     settings = dataclasses.replace(site.scenario.planner, algorithm="local-search", initial=initial)
-    return plan_routes(site, settings=settings, select_rule="max-coverage", effort=Effort(evaluations, None, frozen))
+    return plan_routes(site, settings=settings, select_rule=rule, effort=Effort(evaluations, None, frozen))
 
 
-@pytest.mark.parametrize("initial", [None, ()], ids=["a cover to begin with", "nothing sees all at first"])
-def test_a_tour_ends_where_the_outermost_cells_are_just_seen(initial: tuple[InitialRoute, ...] | None) -> None:
+@pytest.mark.parametrize(
+    ("initial", "rule"), [(None, "max-coverage"), ((), "max-coverage"), (None, "coverage>=1.0")],
+    ids=["a cover to begin with", "nothing sees all at first", "all is required"],
+)  # fmt: skip
+def test_a_tour_ends_where_the_outermost_cells_are_just_seen(
+    initial: tuple[InitialRoute, ...] | None, rule: str
+) -> None:
     # The centres of the first and the last two cells are 10 m from the ends and 10 m beside the middle line: the ends of the
     # shortest tour are sqrt(60^2 - 10^2) m away from them, on that line.
     least_m = 380.0 - 2.0 * math.sqrt(RADIUS_M**2 - 10.0**2)
-    plan = plan_all(row_of_cells(), 600, initial)
+    plan = plan_all(row_of_cells(), 600, initial, rule)
     assert plan.chosen.metrics.coverage_fraction == 1.0
     assert least_m <= plan.chosen.metrics.path_length_m <= 1.005 * least_m
 

@@ -7,12 +7,13 @@ import pytest
 import rasterio
 import shapely
 from rasterio.transform import Affine
+from scipy import ndimage
 
 from tests.terrain.dem_files import fractal_m
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.scenario_file import bundled_scenarios, load_scenario, terrain_source
 from uavcover.scenario.site import load_site
-from uavcover.terrain.suspect_heights import _rough_alone, suspect_pixels, suspect_places
+from uavcover.terrain.suspect_heights import _rough_alone, suspect_pixels, suspect_places, touching
 
 SIZE, PIXEL_M = 300, 10.0
 ROWS, COLUMNS = np.mgrid[0:SIZE, 0:SIZE]
@@ -249,3 +250,14 @@ def test_lone_pixels_are_those_of_the_slow_twin(seed: int) -> None:
         ]
         expected[row, column] = off_m[row, column] > max(36.0, 3.0 * max(others))
     assert np.array_equal(_rough_alone(heights_m, (90.0, 90.0)), expected)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.5, 0.8, 1.0])
+def test_groups_that_touch_are_numbered_as_scipy_does(share: float) -> None:
+    rng = np.random.default_rng(5)
+    for rows, columns in ((1, 1), (1, 30), (30, 1), (13, 17), (40, 50)):
+        mask = rng.random((rows, columns)) < share
+        numbers, count = touching(mask)
+        expected, expected_count = ndimage.label(mask, structure=np.ones((3, 3)))
+        assert count == expected_count
+        assert (numbers == expected).all()

@@ -304,13 +304,12 @@ def _transfer(
         return False
     at = int(rng.random() * n)
     after = at + 1
-    one = after - at  # computed: numba compiles a version of all that it calls for each number that it reads
     if step > 0.0:
         if not _near_a_gap(problem, state, step * rng.standard_normal(), step * rng.standard_normal(), rng):
             return False
         if not allowed_place(problem, place(state.fresh, 0)):
             return False
-        if problem.apart_m > 0.0 and not keep_apart(problem, state, at, after, one):
+        if problem.apart_m > 0.0 and not keep_apart(problem, state, at, after, 1):
             return False
     else:
         state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = place(state.route, at)
@@ -318,12 +317,12 @@ def _transfer(
     change = prices.way * transfer_cost(problem, state, at, to)
     if step > 0.0:
         share = energy_of_share(prices, state.seen[0])
-        gained, new = try_exchange(problem, state, at, after, one)
+        gained, new = try_exchange(problem, state, at, after, 1)
         if new < 0:
             return False
         if change + energy_of_share(prices, state.seen[0] + gained) - share > allowance:
             return False
-        keep_exchange(problem, state, at, after, one, new, gained)
+        keep_exchange(problem, state, at, after, 1, new, gained)
     elif to in (at, at + 1) or change > allowance:
         return False
     transfer(state, at, to - 1 if to > at else to)

@@ -1,7 +1,7 @@
 """The array types of this package, declared once; docstrings give shapes and units."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -10,3 +10,10 @@ ByteArray = NDArray[np.uint8]
 
 Point = tuple[float, float, float]
 """East, north, up, metres."""
+
+
+def read_only(numbers: ArrayLike) -> FloatArray:
+    """Numbers as a C-contiguous array that cannot be written to: kernels that only read are compiled for such arrays alone."""
+    array = np.ascontiguousarray(numbers, dtype=float).view()
+    array.flags.writeable = False
+    return array

@@ -2,8 +2,8 @@
 
 **What a kernel takes.** Numbers, NumPy arrays, tuples and NamedTuples of these, other kernels, and a ``np.random.Generator``;
 no dataclass, dictionary, string or callback. Arrays are C-contiguous and of the type that the annotation states; a read-only
-array and a writable one are two compiled versions. A group of values that belong together is a NamedTuple (``Surface``,
-``Sight``, ``Cells``, ``SearchProblem``).
+array and a writable one are two compiled versions (:func:`uavcover.kernels.arrays.read_only` makes them one). A group of values
+that belong together is a NamedTuple (``Surface``, ``Sight``, ``Cells``, ``SearchProblem``).
 
 **Who owns arrays.** The caller: a :func:`kernel` makes none and does not count their users (numba's run-time library, NRT).
 Counting takes two atomic operations for each array of a group in each call, which was about half of the time of a local
@@ -29,11 +29,13 @@ written to, or in ``NUMBA_CACHE_DIR`` where that is set; where none of them can 
 import contextlib
 import functools
 import hashlib
+import importlib
 import os
 import re
 import shutil
+import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -155,6 +157,11 @@ class _KernelCache(FunctionCache):
 
     _impl_class = _KernelCacheFiles
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function of a signature; none where it is not kept."""
+        _load_array_functions()
+        return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             found = super()._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
@@ -172,6 +179,21 @@ class _KernelCache(FunctionCache):
             yield
 
 
+@functools.cache
+def _load_array_functions() -> None:
+    """Load numba's functions of arrays without SciPy's linear algebra, which takes 0.1 s and which no kernel needs.
+
+    Numba loads both before its first kernel, to know whether ``np.kron`` can be compiled.
+    """
+    blas = "scipy.linalg.cython_blas"
+    if blas not in sys.modules:
+        sys.modules[blas] = None  # type: ignore[assignment] # not found
+        try:
+            importlib.import_module("numba.np.arraymath")
+        finally:
+            del sys.modules[blas]
+
+
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
@@ -185,10 +207,30 @@ def allocating_kernel(function: _F) -> _F:
     return _compiled(function, counts=True)
 
 
-def _compiled(function: _F, *, counts: bool) -> _F:
+def inlined_kernel(function: _F) -> _F:
+    """A kernel with one caller, in the same file: compiled as a part of it.
+
+    A kernel is compiled together with all that it calls, so each one between two others compiles the inner one once more.
+    """
+    return _compiled(function, counts=True, inline="always")
+
+
+def _compiled(function: _F, *, counts: bool, inline: str = "never") -> _F:
     """``counts``: whether users of arrays are counted; a kernel passes this on to what it calls unless that says it itself."""
-    settings: dict[str, Any] = {"nogil": True, "fastmath": False, "_nrt": counts}  # numba's stubs do not know _nrt
+    # numba's stubs do not know _nrt
+    settings: dict[str, Any] = {"nogil": True, "fastmath": False, "_nrt": counts, "inline": inline}
     compiled = numba.njit(**settings)(function)
     if not SETTINGS.DISABLE_JIT:
         keep_compiled(compiled)
+        _forget_values(compiled)
     return cast(_F, compiled)
+
+
+def _forget_values(dispatcher: Any) -> None:
+    """Let kernels that call it with a number share one version: numba compiles another one for each number that it reads."""
+    template = dispatcher.get_call_template
+
+    def of_types(args: Sequence[Any], kws: dict[str, Any]) -> Any:
+        return template(tuple(map(numba.types.unliteral, args)), kws)
+
+    dispatcher.get_call_template = of_types

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import allocating_kernel, kernel
+from uavcover.kernels.jit import allocating_kernel, inlined_kernel, kernel
 from uavcover.kernels.route_state import RouteState, exchange_allowed, keep_exchange, try_exchange
 from uavcover.kernels.route_state_cost import exchange_cost
 from uavcover.kernels.search_problem import SearchProblem, place
@@ -171,7 +171,7 @@ def _change(
     keep_exchange(problem, state, first, last, fresh, new, gained)
 
 
-@kernel
+@inlined_kernel
 def _undo(problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], seen: float) -> None:
     """Undo all exchanges."""
     for k in range(int(undo[0, 0]), 0, -1):
@@ -182,7 +182,7 @@ def _undo(problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], 
     state.seen[0] = seen
 
 
-@allocating_kernel
+@inlined_kernel
 def _remove_near(
     problem: SearchProblem,
     state: RouteState,
@@ -203,13 +203,12 @@ def _remove_near(
         chosen[i], farthest = nearest, math.sqrt(apart2[nearest])
         apart2[nearest] = math.inf
     chosen.sort()
-    # Computed: numba compiles a version of all that it calls for each number that it reads.
-    cost, count, none = 0.0, 0, number - number
+    cost, count = 0.0, 0
     for i in range(number - 1, -1, -1):
         first = int(chosen[i])
-        cost += exchange_cost(problem, state, first, first + 1, none)
-        gained, new = try_exchange(problem, state, first, first + 1, none)
-        _change(problem, state, undo, first, first + 1, none, new, gained)
+        cost += exchange_cost(problem, state, first, first + 1, 0)
+        gained, new = try_exchange(problem, state, first, first + 1, 0)
+        _change(problem, state, undo, first, first + 1, 0, new, gained)
         for row in range(state.changed[0]):
             for square in range(state.changes[row, 0], state.changes[row, 1]):
                 if state.counts[square] == problem.needed - 1 and problem.weight[square] > 0.0:
@@ -218,7 +217,7 @@ def _remove_near(
     return cost, count, farthest
 
 
-@kernel
+@inlined_kernel
 def _see_again(
     problem: SearchProblem,
     state: RouteState,
@@ -231,7 +230,7 @@ def _see_again(
     ce, cn = problem.cells.centre_m[cell, 0], problem.cells.centre_m[cell, 1]
     radius = radius_at(problem.sight, above) * _INSIDE
     size = state.size[0]
-    best, at, be, bn = math.inf, size - size - 1, 0.0, 0.0  # computed, as all numbers that are passed on
+    best, at, be, bn = math.inf, -1, 0.0, 0.0
     for k in range(size + 1):
         a, b = _neighbours(problem, state, k - 1, k)
         long = math.hypot(a[0] - b[0], a[1] - b[1])
@@ -246,16 +245,15 @@ def _see_again(
             best, at, be, bn = longer, k, e, n
     if at < 0:
         return 0.0
-    fresh = at + 1 - at
     for nearer in (1.0, 0.7, 0.0):
         e, n = ce + nearer * (be - ce), cn + nearer * (bn - cn)
         state.fresh[0, 0], state.fresh[0, 1] = e, n
         state.fresh[0, 2] = up_above(problem.surface, e, n, above)
-        if exchange_allowed(problem, state, at, at, fresh):
-            cost = exchange_cost(problem, state, at, at, fresh)
-            gained, new = try_exchange(problem, state, at, at, fresh)
+        if exchange_allowed(problem, state, at, at, 1):
+            cost = exchange_cost(problem, state, at, at, 1)
+            gained, new = try_exchange(problem, state, at, at, 1)
             if new >= 0 and gained > 0.0:
-                _change(problem, state, undo, at, at, fresh, new, gained)
+                _change(problem, state, undo, at, at, 1, new, gained)
                 return cost
     return 0.0
 
@@ -286,14 +284,12 @@ def pull(
                 discs[count, 0], discs[count, 1] = problem.cells.centre_m[cell, 0], problem.cells.centre_m[cell, 1]
                 discs[count, 2] = radius_at(problem.sight, above) * _INSIDE
                 count += 1
-    one = k + 1 - k
     if count == 0:
-        none = k - k
-        cost = exchange_cost(problem, state, k, k + 1, none)
-        if state.size[0] <= fewest or cost > 0.0 or not exchange_allowed(problem, state, k, k + 1, none):
+        cost = exchange_cost(problem, state, k, k + 1, 0)
+        if state.size[0] <= fewest or cost > 0.0 or not exchange_allowed(problem, state, k, k + 1, 0):
             return 0.0, False
-        gained, new = try_exchange(problem, state, k, k + 1, none)
-        _change(problem, state, undo, k, k + 1, none, new, gained)
+        gained, new = try_exchange(problem, state, k, k + 1, 0)
+        _change(problem, state, undo, k, k + 1, 0, new, gained)
         return cost, True
     a, b = _neighbours(problem, state, k - 1, k + 1)
     be, bn = best_between(a, b, (e, n), discs, count)
@@ -303,14 +299,14 @@ def pull(
     for share in (1.0, 0.5):
         te, tn = e + share * (be - e), n + share * (bn - n)
         state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = te, tn, up_above(problem.surface, te, tn, above)
-        if not exchange_allowed(problem, state, k, k + 1, one):
+        if not exchange_allowed(problem, state, k, k + 1, 1):
             continue
-        cost = exchange_cost(problem, state, k, k + 1, one)
+        cost = exchange_cost(problem, state, k, k + 1, 1)
         if cost >= 0.0:
             continue
-        gained, new = try_exchange(problem, state, k, k + 1, one)
+        gained, new = try_exchange(problem, state, k, k + 1, 1)
         if new >= 0 and gained >= 0.0:
-            _change(problem, state, undo, k, k + 1, one, new, gained)
+            _change(problem, state, undo, k, k + 1, 1, new, gained)
             return cost, False
     return 0.0, False
 
@@ -363,7 +359,7 @@ def rebuild(
     discs = np.empty((problem.square.size, 3))
     around2 = (farthest + _AROUND * radius) ** 2
     for _ in range(_PASSES):
-        before, k = cost, size - size
+        before, k = cost, 0
         while k < state.size[0] and undo[0, 0] < _MOST_CHANGES - 2:
             if (state.route[k, 0] - e) ** 2 + (state.route[k, 1] - n) ** 2 <= around2:
                 change, gone = pull(problem, state, undo, k, fewest, discs, _LEAST_GAIN * radius)

@@ -10,7 +10,6 @@ from uavcover.kernels.route_state_cost import exchange_cost
 from uavcover.kernels.search_problem import SearchProblem, place
 
 
-@kernel
 def take_out(problem: SearchProblem, state: RouteState, fewest: int, least_seen: float, most_lost: float) -> int:
     """Try once to take out every waypoint, from the last to the first.
 
@@ -24,41 +23,33 @@ def take_out(problem: SearchProblem, state: RouteState, fewest: int, least_seen:
     Returns:
         how many waypoints are gone.
     """
-    before = state.size[0]
-    for k in range(before - 1, -1, -1):
-        if state.size[0] > fewest:
-            _exchange(problem, state, k, k + 1, least_seen, most_lost)
-    return int(before - state.size[0])
+    return _with_fewer(problem, state, 1, fewest, least_seen, most_lost)
 
 
-@kernel
 def merge(problem: SearchProblem, state: RouteState, fewest: int, least_seen: float, most_lost: float) -> int:
     """Try once to replace every two neighbours by the place between them; as :func:`take_out`."""
-    before = state.size[0]
-    for k in range(before - 2, -1, -1):
-        if state.size[0] > fewest and k + 1 < state.size[0]:
-            pe, pn, pu = place(state.route, k)
-            qe, qn, qu = place(state.route, k + 1)
-            state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = 0.5 * (pe + qe), 0.5 * (pn + qn), 0.5 * (pu + qu)
-            _exchange(problem, state, k, k + 2, least_seen, most_lost)
-    return int(before - state.size[0])
+    return _with_fewer(problem, state, 2, fewest, least_seen, most_lost)
 
 
 @kernel
-def _exchange(
-    problem: SearchProblem, state: RouteState, first: int, last: int, least_seen: float, most_lost: float
-) -> bool:
-    """Replace waypoints first..last - 1 by one fewer of state.fresh; whether it was worth it.
-
-    Their number is computed, because numba compiles a version of all that it calls for each number that it reads.
-    """
-    fresh = last - first - 1
-    if exchange_cost(problem, state, first, last, fresh) > 0.0 or not exchange_allowed(
-        problem, state, first, last, fresh
-    ):
-        return False
-    gained, new = try_exchange(problem, state, first, last, fresh)
-    if new < 0 or gained < -most_lost or state.seen[0] + gained < least_seen:
-        return False
-    keep_exchange(problem, state, first, last, fresh, new, gained)
-    return True
+def _with_fewer(
+    problem: SearchProblem, state: RouteState, count: int, fewest: int, least_seen: float, most_lost: float
+) -> int:
+    """Replace every ``count`` neighbours, 1 or 2, by one fewer where it is worth it; how many waypoints are gone."""
+    before, fresh = state.size[0], count - 1
+    for first in range(before - count, -1, -1):
+        last = first + count
+        if state.size[0] <= fewest or last > state.size[0]:
+            continue
+        if fresh > 0:
+            pe, pn, pu = place(state.route, first)
+            qe, qn, qu = place(state.route, first + 1)
+            state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = 0.5 * (pe + qe), 0.5 * (pn + qn), 0.5 * (pu + qu)
+        if exchange_cost(problem, state, first, last, fresh) > 0.0 or not exchange_allowed(
+            problem, state, first, last, fresh
+        ):
+            continue
+        gained, new = try_exchange(problem, state, first, last, fresh)
+        if new >= 0 and gained >= -most_lost and state.seen[0] + gained >= least_seen:
+            keep_exchange(problem, state, first, last, fresh, new, gained)
+    return int(before - state.size[0])

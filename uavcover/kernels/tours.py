@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import read_only
 from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.route import nearest_neighbour_order
 
@@ -283,7 +284,7 @@ def short_tour(points_m: NDArray[np.float64]) -> NDArray[np.int64]:
 
     About 2 ms for 50 points and 0.4 s for 1,000; 8 n^2 bytes.
     """
-    points = np.ascontiguousarray(points_m, dtype=float)
+    points = read_only(points_m)
     order = nearest_neighbour_order(points, points[0]) if len(points) else np.empty(0, dtype=np.int64)
     return shorten_open(points, order, _KICKS_PER_POINT * len(points), np.random.default_rng(0))
 

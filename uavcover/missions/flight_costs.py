@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.errors import InfeasibleError
-from uavcover.kernels.arrays import FloatArray, IntArray
+from uavcover.kernels.arrays import FloatArray, IntArray, read_only
 from uavcover.kernels.flight_time import Pace, flight_time, landing_time, leg_times, takeoff_time, turn_times
 from uavcover.kernels.way_cost import ENERGY, FlightCosts, FlightEnergies, WayCost, route_cost, split, straight_ends
 from uavcover.missions.energy import FlightEnergy, usable_s
@@ -47,7 +47,7 @@ def flight_costs_along_transits(
         # a flight to this waypoint alone turns from the way there to the way home.
         round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
         column_m = way[0, 2] - home[2]
-        alone[k] = takeoff_time(pace, column_m) + flight_time(pace, round_m) + landing_time(pace, column_m)
+        alone[k] = takeoff_time(pace, column_m) + flight_time(pace, read_only(round_m)) + landing_time(pace, column_m)
         items[k] = len(way) - 1
         up, down, legs = energy.takeoff_s(column_m), energy.landing_s(column_m), len(way) - 1
         used_there[:, k] = up + energy.first_legs_s(np.vstack([way, onto]), legs)
@@ -173,7 +173,7 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
     whole_m = np.vstack([way, points[:1] if stops else points[:0], points[1:], way_back[-2::-1]])
     time_s = float(
         takeoff_time(pace, way[0, 2] - home[2])
-        + flight_time(pace, whole_m)
+        + flight_time(pace, read_only(whole_m))
         + landing_time(pace, way_back[0, 2] - home[2])
     )
     straight = mission_cost_of(site)
@@ -273,5 +273,6 @@ def _back_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, off_m: FloatArray
 
 def _time_s(pace: Pace, points_m: FloatArray, *, legs: int) -> float:
     """Flight time of the first ``legs`` legs of a line, or of the last ones when negative, including turns."""
-    times = leg_times(pace, points_m)
-    return float((times[:legs] if legs > 0 else times[legs:]).sum() + turn_times(pace, points_m).sum())
+    line_m = read_only(points_m)
+    times = leg_times(pace, line_m)
+    return float((times[:legs] if legs > 0 else times[legs:]).sum() + turn_times(pace, line_m).sum())

@@ -36,7 +36,7 @@ from mission_io.model.items import (
     waypoint,
 )
 from uavcover.errors import InfeasibleError
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, takeoff_time
 from uavcover.missions.corner_checks import find_corner_problems
 from uavcover.missions.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
@@ -274,7 +274,7 @@ def _compiled(
     stops = 0 if picture_distance_m is None else 1
     timed = np.vstack([there_m[:-1], *[planned[:1]] * stops, planned, back[1:]])
     pace = pace_of(site, autopilot)
-    time_s = begin.time_s + flight_time(pace, timed) + landing_time(pace, timed[-1, 2] - home[2])
+    time_s = begin.time_s + flight_time(pace, read_only(timed)) + landing_time(pace, timed[-1, 2] - home[2])
     before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         raise MissionTooLongError(

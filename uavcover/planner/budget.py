@@ -53,6 +53,8 @@ class Shares:
         goal_waypoint_stages: ... and the stages of each.
         free_tours: of a search in any order, for shortest tours, once something sees as much as they are to see; ...
         free_tours_asked: ... and where the rule asks for a coverage: what sees that is chosen by its cost.
+        free_tours_of_discs: first, where the rule asks for all and the sensor is a disc: for tours that both chains rebuild, ...
+        free_rebuilt_stages: ... and shares of that after which both chains take the better tour.
         free_quench: cold, on what there is, first: a search that is stopped early has that.
         free_spread, free_squeeze: of what is left for numbers of waypoints, after which these parts end; the rest is the sweep.
         free_long_spread, free_first_squeeze, free_late_tours: the same while nothing sees enough.
@@ -87,6 +89,8 @@ class Shares:
     goal_waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
     free_tours: float = 0.4
     free_tours_asked: float = 0.8
+    free_tours_of_discs: float = 0.85
+    free_rebuilt_stages: tuple[float, ...] = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
     free_quench: float = 0.2
     free_spread: float = 0.35
     free_squeeze: float = 0.85

@@ -10,7 +10,7 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.kernels import route as kernels
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.model.route import Route
 from uavcover.planner.baselines.swaths import SwathLayout, fly_layout
 from uavcover.planner.terrain_following import finite_heights, lay_over_terrain
@@ -68,7 +68,7 @@ class WaypointEncoding:
         places = nodes[active, :2]
         low, high = allowed_band_m(self._site, places)
         points = finite_heights(np.column_stack([places, low + nodes[active, 2] * (high - low)]))
-        order = kernels.nearest_neighbour_order(points, self._reference_m)
+        order = kernels.nearest_neighbour_order(read_only(points), read_only(self._reference_m))
         if self._order == "improved":
             order = kernels.two_opt(points, order)
         points = points[order]

@@ -22,7 +22,7 @@ from mission_io.formats.point_route import child_text, local_name, number_in, xm
 from mission_io.formats.text import clean_text, text_from_bytes
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels import obstacle_breach as kernels
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.kernels.obstacles import make_obstacles
 from uavcover.kernels.surface import GRID
 from uavcover.model.area import Ring
@@ -129,13 +129,13 @@ def leg_breaches(ground: Ground, route_m: FloatArray, limits: Obstacles) -> Floa
         (n - 1, 3) number of the obstacle, -1 for none; metres of missing clearance at the worst point, beside or above it,
         whichever is less; the parameter 0..1 along the leg there.
     """
-    route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
+    route = read_only(route_m).reshape(-1, 3)
     return _breaches(ground, route[:-1], route[1:], limits)
 
 
 def waypoint_breaches(ground: Ground, places_m: FloatArray, limits: Obstacles) -> FloatArray:
     """(n, 3) the same for (n, 3) ENU positions alone."""
-    places = np.ascontiguousarray(places_m, dtype=float).reshape(-1, 3)
+    places = read_only(places_m).reshape(-1, 3)
     return _breaches(ground, places, places, limits)
 
 

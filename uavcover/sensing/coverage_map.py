@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.kernels import coverage as kernels
-from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray, read_only
 from uavcover.kernels.sight import Sight
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
@@ -163,8 +163,8 @@ class CoverageMap:
             return self._pictures(route, ways, trigger_m)
         spacing_m = sample_spacing_m(self.site.scenario)
         if not turns_with_legs(self.sight):
-            return LevelObservations.towards_north(kernels.sample_path(route, spacing_m))
-        legs = [kernels.sample_path(np.ascontiguousarray(route[k : k + 2]), spacing_m) for k in range(len(route) - 1)]
+            return LevelObservations.towards_north(kernels.sample_path(read_only(route), spacing_m))
+        legs = [kernels.sample_path(read_only(route[k : k + 2]), spacing_m) for k in range(len(route) - 1)]
         headings = [np.tile(way, (len(leg), 1)) for leg, way in zip(legs, ways, strict=True)]
         if not legs:
             return LevelObservations(route, np.zeros((len(route), 2)))
@@ -233,7 +233,8 @@ class CoverageMap:
                 wanted.looks,
                 wanted.look_distance_m,
             )
-        return kernels.first_seen(surface, self.sight, self.grid.cells, observations.places_m, observations.headings)
+        places_m, headings = read_only(observations.places_m), read_only(observations.headings)
+        return kernels.first_seen(surface, self.sight, self.grid.cells, places_m, headings)
 
     def share(self, seen: BoolArray) -> float:
         """Fraction of the area, 0..1, weighted by ground surface."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray, read_only
 from uavcover.kernels.coverage import picture_places
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speeds_over_ground, turn_times
 from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
@@ -241,7 +241,7 @@ def rounded_corners(pace: Pace, points_m: FloatArray) -> RoundedCorners:
     unit = ways / np.maximum(length, _LEAST_M)[:, None]
     ramp = _Ramps(pace, unit, length)
     # Time before its end at which a leg may let the next one begin; it is tested when the time of smoothing has passed.
-    begins_s = -turn_times(pace, np.ascontiguousarray(points_m))[1:-1]
+    begins_s = -turn_times(pace, read_only(points_m))[1:-1]
     slower = np.sqrt(ramp.slower[:-1] * ramp.slower[1:])
     blend_s = np.maximum(0.0, begins_s / slower - pace.smoothing_s)
     shares = np.linspace(0.0, 1.0, _CORNER_POINTS)

@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from uavcover.errors import TerrainError
 from uavcover.kernels import surface as kernels
-from uavcover.kernels.arrays import ByteArray, FloatArray
+from uavcover.kernels.arrays import ByteArray, FloatArray, read_only
 from uavcover.kernels.grid import GridFrame, square_frame, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
@@ -53,11 +53,11 @@ class Ground:
     def heights_m(self, east_north_m: ArrayLike) -> FloatArray:
         """Up coordinates (n,) of the ground at (n, 2) positions, metres; NaN where there is no data."""
         en = np.atleast_2d(np.asarray(east_north_m, float))
-        return kernels.heights(self.surface, np.ascontiguousarray(en[:, 0]), np.ascontiguousarray(en[:, 1]))
+        return kernels.heights(self.surface, read_only(en[:, 0]), read_only(en[:, 1]))
 
     def heights_agl_m(self, places_m: ArrayLike) -> FloatArray:
         """Heights above ground (n,) of (n, 3) ENU positions, along their plumb lines, metres; NaN where there is no data."""
-        return kernels.heights_above(self.surface, np.ascontiguousarray(np.atleast_2d(np.asarray(places_m, float))))
+        return kernels.heights_above(self.surface, read_only(np.atleast_2d(np.asarray(places_m, float))))
 
     def ups_m(self, east_north_m: ArrayLike, height_agl_m: ArrayLike) -> FloatArray:
         """Up coordinates (n,) for (n, 2) positions and heights above ground (n,), metres; NaN where there is no data.
@@ -67,8 +67,7 @@ class Ground:
         """
         en = np.atleast_2d(np.asarray(east_north_m, float))
         heights = np.broadcast_to(np.asarray(height_agl_m, float), len(en))
-        east, north = (np.ascontiguousarray(axis) for axis in en.T)
-        return kernels.ups_above(self.surface, east, north, np.ascontiguousarray(heights))
+        return kernels.ups_above(self.surface, read_only(en[:, 0]), read_only(en[:, 1]), read_only(heights))
 
     def gradients(self, east_north_m: ArrayLike) -> FloatArray:
         """Slopes (n, 2) of the ground towards east and north at (n, 2) positions, dimensionless."""
@@ -88,8 +87,7 @@ class Ground:
             a leg leaves the data. Exact to ``cut_error_m`` for grids; see :mod:`uavcover.kernels.surface` for the analytic
             surface.
         """
-        route = np.ascontiguousarray(np.atleast_2d(np.asarray(route_m, float)))
-        return kernels.leg_height_ranges(self.surface, route)
+        return kernels.leg_height_ranges(self.surface, read_only(np.atleast_2d(np.asarray(route_m, float))))
 
 
 def sine_cosine_ground(scale_m: float) -> Ground:

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-import scipy.ndimage
+import scipy
 import shapely
 
 from uavcover.kernels.arrays import BoolArray, FloatArray

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
+import scipy
 
 from uavcover.extras.bounds.bound_heights import relief_over
 from uavcover.extras.bounds.price_program import PriceProgram, headings_over_half_a_turn, middles_of_bins

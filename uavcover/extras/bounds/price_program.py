@@ -4,8 +4,7 @@ import math
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
+import scipy
 
 from uavcover.extras.bounds.bound_heights import margin_cells
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
@@ -260,9 +259,7 @@ def _room(values: FloatArray, changes: FloatArray) -> float:
 class _Newton:
     """The linear system at a point, factored once for the predictor and the corrector: a band, and variables beside it."""
 
-    def __init__(
-        self, worth: FloatArray, matrix: scipy.sparse.csr_array, limits: FloatArray, common: int, at: _Point
-    ) -> None:
+    def __init__(self, worth: FloatArray, matrix: Rows, limits: FloatArray, common: int, at: _Point) -> None:
         self._matrix, self._at = matrix, at
         self._across = scipy.sparse.csr_array(matrix.T)
         self.dual_gap = worth + at.reduced - self._across @ at.dual
@@ -296,7 +293,7 @@ class _Newton:
         return _Point(x, slack, (to_dual - at.dual * slack) / at.slack, (to_reduced - at.reduced * x) / at.x)
 
 
-def most_worth(worth: FloatArray, matrix: scipy.sparse.csr_array, limits: FloatArray, *, common: int) -> FloatArray:
+def most_worth(worth: FloatArray, matrix: Rows, limits: FloatArray, *, common: int) -> FloatArray:
     """Nearly the x >= 0 of most worth @ x with matrix @ x <= limits, to about a thousandth.
 
     All numbers should be near 1.

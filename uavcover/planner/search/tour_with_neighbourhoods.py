@@ -11,12 +11,13 @@ import numpy as np
 
 from uavcover.kernels.annealing import Prices
 from uavcover.kernels.route_state import recount, seen_alone
+from uavcover.kernels.sight import DISC
 from uavcover.model.route import Route
 from uavcover.planner.search.goal_search import search_goals
 from uavcover.planner.search.local_search import CHAINS, Chain, Work
 from uavcover.planner.search.route_judge import RouteJudge
 from uavcover.planner.search.route_problem import state_of
-from uavcover.planner.search.starts import SearchStart
+from uavcover.planner.search.starts import SearchStart, best_starts
 from uavcover.planner.search.tuning import FreeOrderTuning
 
 FULL = 1.0 - 1e-9
@@ -141,6 +142,44 @@ def thin(work: Work, route: Route, found: Callable[[Route], None], *, until: flo
             found(route)
 
 
+def rebuild_tours(
+    work: Work, starts: Sequence[SearchStart], *, capacity: int, until: float, found: Callable[[Route], None]
+) -> list[SearchStart]:
+    """Find the shortest tour that sees everything: both chains rebuild it, and both continue the better one of each stage.
+
+    Args:
+        work: as of :func:`spread`.
+        starts: one at least.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this ends.
+        found: called with every route worth judging.
+
+    Returns:
+        The starts, and the better tour of each stage.
+    """
+    tuned, reach_m, begin = work.tuning.free_order, work.problem.reach_m, work.pace.fraction
+    hottest, coldest = (heat * reach_m for heat in tuned.discs_heats)
+    known = list(starts)
+    best, done = best_starts(work.problem, starts, FULL)[0].route, 0.0
+    for stage in tuned.rebuilt_stages:
+        chains = _chains(work, [best] * CHAINS, _squeeze(tuned), capacity=capacity)
+        metres = work.problem.metres_per_cost(best)
+        # No cell is worth less than the whole tour: single targets lie many radii apart.
+        cell_m = max(metres * work.problem.cost(best), reach_m)
+        waypoint_m = work.tuning.goal.waypoint_price * reach_m
+        for chain in chains:
+            chain.prices = Prices(metres, waypoint_m, cell_m * chain.prices.coverage, 1.0)
+            chain.hottest, chain.coldest = (hottest * (coldest / hottest) ** share for share in (done, stage))
+            chain.step_m, chain.rebuilt = work.tuning.goal.largest_step * reach_m, tuned.rebuilt
+        more = work.run(chains, until=begin + stage * (until - begin))
+        better = _better(chains, found)
+        known.append(SearchStart(better.route, better.seen))
+        best, done = better.route, stage
+        if not more:
+            break
+    return known
+
+
 def _fewest_that_see_most(start: SearchStart) -> tuple[float, int]:
     """Sorts first what sees the most, and of what sees all the fewest waypoints."""
     return -min(start.seen, FULL), len(start.route)
@@ -202,6 +241,11 @@ def search_free_order(
 
     thin(work, min(starts, key=_fewest_that_see_most).route, judge.found, until=_THINNING)
     begin = work.pace.fraction
+    if asked is not None and asked >= FULL and work.problem.numbers.sight.kind == DISC:
+        # A disc is as wide at any height: where heights matter, a chain that does not rebuild is better.
+        until = begin + tuned.tours_of_discs * (1.0 - begin)
+        starts = rebuild_tours(work, starts, capacity=capacity, until=until, found=judge.found)
+        begin = work.pace.fraction
     toured = asked is not None or any(start.seen >= goal for start in starts)
     if toured:
         share = tuned.tours if asked is None else tuned.tours_asked

@@ -150,14 +150,15 @@ class FreeOrderTuning:
     Temperatures and prices "in cells" are in units of the coverage of one cell of average weight.
 
     Attributes:
-        tours, tours_asked, quench, spread, squeeze, long_spread, first_squeeze, late_tours, attempt: see
-            `uavcover.planner.budget.Shares`.
+        tours, tours_asked, tours_of_discs, rebuilt_stages, quench, spread, squeeze, long_spread, first_squeeze,
+            late_tours, attempt: see `uavcover.planner.budget.Shares`.
         tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour.
             Where all is to be seen no cell is worth less than the whole tour: single targets lie many radii apart.
         tour_hottest: temperature at the beginning of that search, in radii.
         rebuilt: share of the proposals that rebuild the tour around a waypoint, in one of the two chains at first, ...
         rebuilt_hottest: ... the temperature at its beginning, ...
         rebuilt_heat: ... and that of rebuilding, as a multiple.
+        discs_heats: temperatures at the beginning and at the end, in radii, where both chains rebuild.
         quenched: times the coldest temperature.
         hottest_cells, coldest_cells: temperatures.
         spread_heats, squeeze_heats, sweep_heats: of the two chains, as shares of the hottest.
@@ -168,11 +169,14 @@ class FreeOrderTuning:
 
     tours: float = SHARES.free_tours
     tours_asked: float = SHARES.free_tours_asked
+    tours_of_discs: float = SHARES.free_tours_of_discs
+    rebuilt_stages: tuple[float, ...] = SHARES.free_rebuilt_stages
     tour_coverage_price: float = 1.5
     tour_hottest: float = 0.2
     rebuilt: float = 0.1
     rebuilt_hottest: float = 0.02
     rebuilt_heat: float = 50.0
+    discs_heats: tuple[float, float] = (0.06, 2e-3)
     quench: float = SHARES.free_quench
     quenched: float = 5.0
     spread: float = SHARES.free_spread
