@@ -153,17 +153,29 @@ def test_several_vehicles_are_planned_for_and_uploaded_to(cli: Cli, tmp_path: Pa
     assert all((Path(document["run"]) / "upload.json").exists() for document in ended.document["vehicles"])
 
 
+def test_one_vehicle_lands_between_the_parts_of_others_only_for_a_new_battery(cli: Cli, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    ended = cli("plan", corner_of_the_demo(tmp_path), "--vehicles", 2, "-o", run, "--evaluations", EVALUATIONS)
+    assert ended.code == 0, ended.err
+    plan = json.loads((run / "plan.json").read_text())
+    times_s = [each["flight_time_s"] for each in plan["sorties"]]
+    assert len(plan["fleet"]["parts"]) == len(times_s) == 2
+    assert plan["fleet"]["one_vehicle_s"] == pytest.approx(sum(times_s))
+    assert 0.5 <= plan["fleet"]["of_one_vehicle"] < 1.0
+
+
 def test_what_one_vehicle_does_as_soon_is_uploaded_to_one(cli: Cli, tmp_path: Path) -> None:
     """Two were planned for a small area, with landings apart; with more than are needed nothing was uploaded to any."""
-    run = tmp_path / "run"
+    run, scenario = tmp_path / "run", corner_of_the_demo(tmp_path)
+    scenario.write_text(scenario.read_text() + "\n[fleet]\npad_spacing_m = 0.0\n")
     ended = cli(
-        "plan-upload", corner_of_the_demo(tmp_path), *("--to", "mock:") * 3, "-o", run, "--evaluations", EVALUATIONS,
+        "plan-upload", scenario, *("--to", "mock:") * 3, "-o", run, "--evaluations", EVALUATIONS,
         "--json",
     )  # fmt: skip
     assert ended.code == 0, ended.err
     fleet = json.loads((run / "plan.json").read_text())["fleet"]
     assert (fleet["vehicles"], len(fleet["by_vehicle"])) == (3, 1)
-    assert "warning: no mission is uploaded to mock:, mock:: not needed" in ended.err
+    assert "warning: the plan does not need mock:, mock:; nothing is uploaded there" in ended.err
     (told,) = ended.document["vehicles"]
     assert (told["vehicle"], told["sortie"], Path(told["run"])) == (1, 1, run)
     assert (run / "upload.json").exists()

@@ -29,7 +29,7 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
         return document
     times_s = [flight.compiled.flight_time_s for flight in flights]
     done_s = makespan_s(site, flights)
-    one_s = math.fsum(times_s) + fleet.turnaround_s * (len(flights) - 1)
+    one_s = math.fsum(times_s) + fleet.turnaround_s * _landings_of_one(site, flights)
     if fleet.one_at_a_time:
         together_s = done_s
     elif alike:
@@ -45,6 +45,16 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
         "homes": _homes(site),
         **_parts(site, flights),
     }
+
+
+def _landings_of_one(site: Site, flights: Sequence[Sortie]) -> int:
+    """Number of times that one vehicle lands between these sorties: after each; of parts of the area, for a new battery alone."""
+    longest_s = site.scenario.vehicle.longest_flight_s
+    if not groups_of(site.scenario):
+        return len(flights) - 1
+    if longest_s is None:
+        return 0
+    return math.ceil(math.fsum(flight.compiled.flight_time_s for flight in flights) / longest_s) - 1
 
 
 def _parts(site: Site, flights: Sequence[Sortie]) -> dict[str, Any]:

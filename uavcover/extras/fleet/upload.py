@@ -83,7 +83,7 @@ def links_that_fly(run: RunFolder, links: Sequence[VehicleLink], user: User) -> 
     rows = fleet.get("by_vehicle", []) if isinstance(fleet, dict) and fleet.get("alike", True) else []
     flying = len(rows) or len(links)
     if flying < len(links):
-        user.warn(f"no mission is uploaded to {', '.join(link.url for link in links[flying:])}, which is not needed")
+        user.warn(f"the plan does not need {', '.join(link.url for link in links[flying:])}; nothing is uploaded there")
     return list(links[:flying])
 
 
