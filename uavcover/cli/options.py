@@ -136,7 +136,8 @@ SystemEach = Annotated[
     typer.Option(
         "--system",
         help=(
-            "System id of the vehicle, if several share the link. For several vehicles on one --to, repeat the option."
+            "System ID of the vehicle, if several share the link. If several vehicles share one --to address, repeat this "
+            "option for each."
         ),
         metavar="N",
         min=1,

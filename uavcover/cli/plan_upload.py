@@ -115,8 +115,8 @@ class Planning:
         Path | None, typer.Option("-o", "--out", help="Run folder for the plan; default: named after the scenario.")
     ] = None
     select: Annotated[str | None, typer.Option(help="Selection rule for the plan.", metavar="RULE")] = None
-    budget: Annotated[str | None, typer.Option(help="Time limit of the planning.")] = None
-    evaluations: Annotated[int | None, typer.Option(help="Number of route evaluations of the planning.")] = None
+    budget: Annotated[str | None, typer.Option(help="Time limit for planning.")] = None
+    evaluations: Annotated[int | None, typer.Option(help="Number of route evaluations during planning.")] = None
     seed: options.Seed = None
 
     def given(self) -> list[str]:

@@ -114,7 +114,9 @@ def verify(
         if given := survey.given():
             raise InputError(f"verify: {given[0]} requires --area; omit it, because {run} defines it")
         if out is not None:
-            raise InputError("verify: -o requires --area; omit it: the verdict on a run is kept in its folder")
+            raise InputError(
+                "verify: -o requires --area; for a run, omit -o, because the verdict is kept in the run folder"
+            )
     of_photos = loaded("uavcover.evidence").get("photos")
     if of_photos is None and (area is not None or photos):
         raise InputError("verify: --area and --photos need the extra photos of uavcover, which is not installed")

@@ -48,7 +48,10 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
 
 
 def _landings_of_one(site: Site, flights: Sequence[Sortie]) -> int:
-    """Number of times that one vehicle lands between these sorties: after each; of parts of the area, for a new battery alone."""
+    """Number of landings of one vehicle between these sorties.
+
+    It lands after each; where they are parts of the area, only for a new battery.
+    """
     longest_s = site.scenario.vehicle.longest_flight_s
     if not groups_of(site.scenario):
         return len(flights) - 1

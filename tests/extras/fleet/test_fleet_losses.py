@@ -150,4 +150,4 @@ def test_an_empty_battery_does_not_keep_the_others_waiting(tmp_path: Path) -> No
     told = fly_script(jobs_of(tmp_path / "b"), {}, percent={1: 40})
     assert told.landed() == set()
     assert told.flight.called_off
-    assert "one vehicle is not ready, so no vehicle starts" in told.lines
+    assert "one vehicle is not ready, so none is started" in told.lines

@@ -227,7 +227,7 @@ def test_one_that_is_not_ready_keeps_all_on_the_ground(planned: RunFolder, tmp_p
     hangar = Hangar(2, make)
     with pytest.raises(FleetFailedError, match="vehicle 2, sortie"):
         fly(run, hangar, user)
-    assert "one vehicle is not ready, so no vehicle starts" in user.lines
+    assert "one vehicle is not ready, so none is started" in user.lines
     assert not any(vehicle.armed for flown in hangar.flown.values() for vehicle in flown)
     assert not any(sortie.file("track.csv").exists() for sortie in run.sorties())
 

@@ -66,7 +66,7 @@ def test_pictures_outside_the_track_are_told(tmp_path):
 
 def test_logs_without_pictures_or_with_pictures_elsewhere_in_time_are_one_line(tmp_path):
     write_tlog(tmp_path / "x.tlog")
-    with pytest.raises(TrackError, match="reports no photo"):
+    with pytest.raises(TrackError, match="records no photos"):
         read_pictures([tmp_path / "x.tlog"])
     positions, _ = flight()
     late = [type(p)(p.time_s + 900.0, p.lat_deg, p.lon_deg, p.number) for p in pictures_at(SAMPLES)]

@@ -176,7 +176,9 @@ def bench_link(
         str, typer.Option(help="Fractions of datagrams lost in each direction.", metavar="X,Y")
     ] = "0,0.05,0.1,0.2,0.3,0.4",
     delay_ms: Annotated[float, typer.Option("--delay", help="Delay of each datagram, in milliseconds.", min=0.0)] = 1.0,
-    seeds: Annotated[int, typer.Option(help="Number of runs per client and loss. The seeds start at 0.", min=1)] = 50,
+    seeds: Annotated[
+        int, typer.Option(help="Number of runs for each client and loss rate. Seeds start at 0.", min=1)
+    ] = 50,
     at_a_time: Annotated[int, typer.Option(help="Number of parallel UDP transfers if datagrams are lost.", min=1)] = 16,
     out: ResultsFolder = None,
     output: options.Output,

@@ -376,6 +376,9 @@ def _read_fence(path: Path) -> FenceSource:
             raise InputError(f"--fence: {path}: no such file; use a fence or an area")
         read = files.read_file(path)
         if read.fence is None or read.fence == Fence():
-            raise InputError(f"--fence: {path}: the file contains no fence; use a fence, or an area to stay inside")
+            raise InputError(
+                f"--fence: {path}: the file contains no fence; use a file with a fence, or with an area that the vehicle "
+                "must stay inside"
+            )
         return read.fence
     return read_area(AreaQuery(source=str(path))).parts

@@ -368,7 +368,7 @@ class FleetFlight:
         with self._lock:
             left = self.work.queues.give_up(vehicle)
             if record.began_s is None and not self.traffic.begun:
-                self.board.warn("one vehicle is not ready, so no vehicle starts")
+                self.board.warn("one vehicle is not ready, so none is started")
                 self.called_off = True
                 return
             self.work.hand_over(record, left, now)

@@ -226,7 +226,7 @@ def require_parts(settings: PlannerSettings, site: Site) -> None:
     elif settings.max_waypoints is not None:
         what = "no max_waypoints"
     if what is not None:
-        raise InputError(f"planner.parts: more than one part requires {what}; remove parts, or set it to 1")
+        raise InputError(f"planner.parts: more than one part requires {what}; remove this key, or set it to 1")
 
 
 def plan_by_parts(

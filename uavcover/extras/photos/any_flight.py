@@ -232,7 +232,7 @@ def run_of_flight(
         out.write_text("scenario.toml", text)
         _record(out, evidence.logs, command)
     if area.overlap is not None and not overlaps:
-        user.warn(f"--overlap is not judged: {evidence.logs[0].name} reports no photo, and --photos is missing")
+        user.warn(f"--overlap is not judged: {evidence.logs[0].name} records no photos, and --photos is missing")
     untold = [name for name, given in (("--max-height", area.max_height), ("--no-fly", area.no_fly)) if not given]
     user.say(f"{'scenario':18}{out.file('scenario.toml')}; no plan or fence is known, so neither is judged")
     if untold:

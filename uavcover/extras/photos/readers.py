@@ -28,12 +28,12 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
     are those of the vehicle at that time.
 
     Raises:
-        TrackError: no such log, without positions, or it reports no photo.
+        TrackError: no such log, without positions, or it records no photos.
     """
     rows = READERS[path.suffix.lower()](path)
     if rows.pictures is None or not len(rows.pictures):
         raise TrackError(
-            f"{path}: the log reports no photo (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); verify --log judges its track"
+            f"{path}: the log records no photos (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); verify --log judges its track"
         )
     pictures = _pictures(path, rows)
     outside = len(rows.pictures) - len(pictures)

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -77,7 +77,12 @@ def improve(
     starts = _starts(coverage, candidates, settings)
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved((), 0, interrupted=False)
-    goal = _FLOWN if rule.required_coverage is None else rule.required_coverage
+    asked, tuned = rule.required_coverage, tuning.goal
+    goal = _FLOWN if asked is None else asked
+    finer = finer_map(site) if asked is not None and asked > tuned.nearly_all_on_finest else None
+    if finer is not None:
+        tuned = replace(tuned, nearly_all=tuned.nearly_all_on_finest)
+        tuning = replace(tuning, goal=tuned)
     problem = counted_as_judged(search_problem(coverage, judging, starts, goal), judging, starts)
     judges = judging_maps(site) if site.scenario.sensor.looks_along_path else [judging]
     pace: SearchPace
@@ -85,7 +90,6 @@ def improve(
         pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
     else:
         pace = PaceByClock(effort.now, run.started + effort.budget_s)
-    asked, tuned = rule.required_coverage, tuning.goal
     judging_of = _Judging(site, judging, judges, problem, tuned, run.executor, [])
     progress = _Progress(coverage, starts, pace, effort, evaluations_done, asked, run.on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
@@ -95,7 +99,6 @@ def improve(
         progress.report(work.proposals, chains)
         look(lambda: [*judging_of.kept, *(_shortened(problem, chain.route) for chain in chains)])
 
-    finer = finer_map(site) if asked is not None and asked > tuned.nearly_all else None
     work = Work(
         problem, pace, generators, run.executor, run.should_stop, between,
         None if finer is None else partial(finest_problem, finer), tuning,
@@ -263,7 +266,9 @@ def with_turns_further_out(
     reach_m: float,  # farther from all missing ground, a waypoint stays
     is_over: Callable[[], bool],  # whether there is no time left for it
 ) -> Route:
-    """The route with turns that wait for their next photo or lie further out, one after the other until the goal is reached.
+    """The route with turns that wait for their next photo or lie further out.
+
+    One after the other, until the goal is reached.
 
     Returns:
         The route itself where no turn should lie elsewhere.

@@ -11,7 +11,7 @@ SAFETY = 0.0003
 
 
 def with_safety(goal: float) -> float:
-    """What a search for a goal aims at: SAFETY more, or half of what is left to all."""
+    """Coverage at which a search for a goal aims: SAFETY more, or half of what is left to all."""
     return goal + min(SAFETY, 0.5 * (1.0 - goal))
 
 

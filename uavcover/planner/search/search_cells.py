@@ -75,7 +75,9 @@ def share_counted(problem: RouteProblem, route: Route) -> float:
 
 
 def finest_problem(cells: CoverageMap, route: Route, judged: float) -> RouteProblem:
-    """The problem of a search for nearly all of the ground on the finest cells, that counts of a route what is judged of it.
+    """The problem on the finest cells that counts as much of a route as is judged.
+
+    It is for a search for nearly all of the ground.
 
     Straight legs show more than flown corners do, and photos by distance fall anywhere: where all is counted as seen and less is
     judged, the goal has no effect. So the sensor is narrowed, or ground has to be in view for longer, until as much is missing.
