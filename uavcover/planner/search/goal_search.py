@@ -20,8 +20,8 @@ from uavcover.planner.search.starts import SearchStart, best_starts
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 """Goals besides the required coverage, so that there is a choice."""
 
-_ROUNDS = 3
-_WHOLE_TRIED = 3
+_ROUNDS, _WHOLE_TRIED = 3, 3
+"""Rounds of a search on the finest cells, and starts that are judged for one that sees the goal."""
 
 _ROUNDING = 1e-9
 
