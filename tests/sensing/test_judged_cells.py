@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from tests.terrain_kinds import write_scenario
 from uavcover.model.scenario import Scenario
@@ -69,6 +70,18 @@ def test_a_coverage_is_the_same_at_other_places_in_a_canyon(canyon: Site) -> Non
     assert own.share(own.seen(route)) == pytest.approx(other.share(other.seen(route)), abs=0.002)
     assert judging_maps(canyon) == [own]
     assert finer_map(canyon) is other
+
+
+@pytest.mark.parametrize("name", ["jacksboro", "ridge-obstacles"])
+def test_finer_cells_have_the_places_of_the_judged_ones(name: str) -> None:
+    site = load_site(name)
+    own, finer = judging_map(site).grid, finer_map(site)
+    assert finer is not None
+    assert finer.grid.size_m == 0.5 * own.size_m
+    assert finer.grid.count > 3.9 * own.count
+    apart_m, _ = cKDTree(finer.grid.cells.centre_m).query(own.cells.centre_m)
+    assert apart_m.max() < 1e-6
+    assert len(np.unique(finer.grid.cells.centre_m.round(6), axis=0)) == finer.grid.count
 
 
 def test_blocks_have_the_cells_that_are_judged(canyon: Site) -> None:

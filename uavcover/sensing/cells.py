@@ -158,6 +158,15 @@ def make_other_cells(site: Site, cell_size_m: float) -> CellGrid:
     return _cut(site, cell_size_m, steps=_OTHER)
 
 
+def make_refined_cells(site: Site, cell_size_m: float) -> CellGrid:
+    """Divide the area into cells of half the size of judged ones.
+
+    In each larger cell, one of the four is represented by the same point: a route that sees all of these sees all of those.
+    """
+    steps = (0.0, 0.0) if cut_for(site) is make_cells else _SAMPLED
+    return _cut(site, cell_size_m, steps=steps, spread=_spread_of_halves)
+
+
 def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
     """Divide the area in the same way, but represent each cell by a point that shifts from row to row and column to column.
 
@@ -169,9 +178,17 @@ def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
 
 
 def _cut(
-    site: Site, cell_size_m: float, *, steps: tuple[float, float] | None = None, rows: range | None = None
+    site: Site,
+    cell_size_m: float,
+    *,
+    steps: tuple[float, float] | None = None,
+    rows: range | None = None,
+    spread: Callable[[int, float], FloatArray] | None = None,
 ) -> CellGrid:
-    """The cells, with positions shifted by up to half a cell each way, in these steps. None: they are the centres."""
+    """The cells, with positions shifted by up to half a cell each way, in these steps. None: they are the centres.
+
+    ``spread`` makes the positions from the steps; by default they are independent of other cells' positions.
+    """
     west, south, east, north = site.area.bounds
     all_rows, columns = lattice_shape(site, cell_size_m)
     wanted = range(all_rows) if rows is None else rows
@@ -185,8 +202,9 @@ def _cut(
     n = south + (np.arange(wanted.start, wanted.stop) + 0.5) * cell_size_m
     grid_e, grid_n = np.meshgrid(e, n)
     if steps is not None:
-        grid_e += cell_size_m * _spread(all_rows, steps[0])[wanted.start : wanted.stop, None]
-        grid_n += cell_size_m * _spread(columns, steps[1])
+        spread = spread or _spread
+        grid_e += cell_size_m * spread(all_rows, steps[0])[wanted.start : wanted.stop, None]
+        grid_n += cell_size_m * spread(columns, steps[1])
     inside = np.asarray(shapely.contains_xy(site.area, grid_e, grid_n))
     if rows is None and not inside.any():
         raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
@@ -273,6 +291,12 @@ def _spread(count: int, step: float) -> NDArray[np.float64]:
     """(count,) numbers in -0.5..0.5, each ``step`` after the previous one modulo 1; evenly spread for an irrational step."""
     shares: NDArray[np.float64] = (np.arange(count, dtype=np.float64) + 0.5) * step
     return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
+
+
+def _spread_of_halves(count: int, step: float) -> NDArray[np.float64]:
+    """(count,) the same in halves of cells, so that one half of each cell has the place of the cell."""
+    wholes = _spread(count // 2 + 1, step)
+    return np.repeat((2.0 * wholes + 1.0) % 1.0 - 0.5, 2)[:count]
 
 
 def _missing(

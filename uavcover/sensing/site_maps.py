@@ -5,7 +5,13 @@ import numpy as np
 from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicle_areas import own_sensors, vehicle_sites
 from uavcover.sensing.block_map import BlockMap
-from uavcover.sensing.cells import cut_for, is_judged_on_smaller_cells, judged_cell_size_m, make_other_cells
+from uavcover.sensing.cells import (
+    cut_for,
+    is_judged_on_smaller_cells,
+    judged_cell_size_m,
+    make_other_cells,
+    make_refined_cells,
+)
 from uavcover.sensing.coverage_map import CoverageMap
 
 
@@ -54,7 +60,8 @@ On 25 km² finer ones took 4 s before a search could begin.
 def finer_map(site: Site) -> CoverageMap | None:
     """Other places, on which what is found is tried once more; none where memory, or limits of waypoints, forbid.
 
-    Cells of half the size; or other places in cells that are smaller than the scenario's already.
+    Cells of half the size, whose places include those of the judged cells; or other places, where judged cells are smaller than
+    the scenario's already.
     """
     if site.scenario.limits.applies_to == "waypoints":
         return None
@@ -62,7 +69,12 @@ def finer_map(site: Site) -> CoverageMap | None:
         return _other_places(site)
     if judging_map(site).grid.count * 4 > _MOST_FINER_CELLS:
         return None
-    return _map_of(site, 0.5 * judged_cell_size_m(site))
+    return _refined(site)
+
+
+@once
+def _refined(site: Site) -> CoverageMap:
+    return CoverageMap(site, cell_size_m=0.5 * judged_cell_size_m(site), cut=make_refined_cells)
 
 
 @once

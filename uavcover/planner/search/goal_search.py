@@ -20,8 +20,8 @@ from uavcover.planner.search.starts import SearchStart, best_starts
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 """Goals besides the required coverage, so that there is a choice."""
 
-_ROUNDS, _WHOLE_TRIED = 3, 3
-"""Rounds of a search on the finest cells, and starts that are judged for one that sees the goal."""
+_ROUNDS, _SUREST = 3, 3
+"""Rounds of a search on the finest cells, and beginnings that are judged for it besides the ends of the search before."""
 
 _ROUNDING = 1e-9
 
@@ -55,8 +55,8 @@ def search_goals(
             most_short=tuned.most_short_at_first, later=0.0 if finest else end + tuned.closing_share * (until - begin),
         )  # fmt: skip
         if finest:
-            whole = _whole_start(work, starts, asked, judge)
-            found += _on_finest_cells(work, found, asked, capacity, (middle, end), judge, whole)
+            surest = _surest(work, starts, asked)
+            found += _on_finest_cells(work, [*found, *surest], asked, capacity, (middle, end), judge)
         closing = tuned.closing_share_far if finest else tuned.closing_share
         with_closing = min(work.pace.fraction, end) + closing * (until - begin)
         closed = closed_end(work, found, asked, judge, until=with_closing)
@@ -104,41 +104,52 @@ def search_goals(
 
 
 def _on_finest_cells(
-    work: Work, found: Sequence[SearchStart], goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge,
-    whole: Sequence[SearchStart] = (),
-) -> list[SearchStart]:  # fmt: skip
-    """Search for nearly all on the finest cells, from the best end of a search or from a whole start.
+    work: Work, found: Sequence[SearchStart], goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge
+) -> list[SearchStart]:
+    """Search for nearly all on the finest cells, from the best end of a search and from the surest beginning.
 
-    What counts as seen is made surer or less sure by what is judged, in several rounds.
+    What counts as seen is made surer or less sure by what is judged, in several rounds. Each is cooler, and coverage costs more
+    while the goal is missed.
     """
     coarse, tuned, out = work.problem, work.tuning.goal, list[SearchStart]()
-    for begin, end in itertools.pairwise(np.linspace(*share, _ROUNDS + 1).tolist()):
-        if not found or work.stopped or work.finest is None:
+    price, judged_ones, fresh = tuned.finest_price, list[tuple[SearchStart, float]](), list(found)
+
+    def cheapest(price: float) -> tuple[SearchStart, float]:
+        return min(judged_ones, key=lambda one: tuned.start_cost(coarse.cost(one[0].route), one[1], goal, price=price))
+
+    for number, (begin, end) in enumerate(itertools.pairwise(np.linspace(*share, _ROUNDS + 1).tolist())):
+        judged_ones += [(each, judge.coverage(each.route, goal)) for each in fresh]
+        if not judged_ones or work.stopped or work.finest is None:
             break
-        best, judged = min(
-            ((each, judge.coverage(each.route, goal)) for each in [*found, *out, *whole]),
-            key=lambda item: tuned.start_cost(coarse.cost(item[0].route), item[1], goal, price=tuned.finest_price),
-        )
+        if number > 0 and cheapest(price)[1] < goal:
+            price *= tuned.finest_price_step
+        (best, judged), (surest, _) = cheapest(price), cheapest(tuned.sure_price)
         work.problem = work.finest(best.route, judged)
-        out += search_goal(
+        fresh = search_goal(
             work,
-            [best],
+            [best] if surest is best else [best, surest],
             goal,
             capacity,
             (begin, end),
             tuned.stages,
             judge,
             closed=True,
-            price_factor=tuned.finest_price,
+            price_factor=price,
+            heat_factor=tuned.closed_heat * tuned.finest_cooler**number,
         )
+        out += fresh
     work.problem = coarse
     return out
 
 
-def _whole_start(work: Work, starts: Sequence[SearchStart], goal: float, judge: RouteJudge) -> list[SearchStart]:
-    """The cheapest start that sees the goal, where one of the cheapest that may see it does."""
-    may = sorted((each for each in starts if each.seen >= goal), key=lambda each: work.problem.cost(each.route))
-    return [each for each in may[:_WHOLE_TRIED] if judge.coverage(each.route, goal) >= goal][:1]
+def _surest(work: Work, starts: Sequence[SearchStart], goal: float) -> list[SearchStart]:
+    """The beginnings that are cheapest where what they miss costs very much."""
+    tuned = work.tuning.goal
+
+    def merit(each: SearchStart) -> float:
+        return tuned.start_cost(work.problem.cost(each.route), each.seen, goal, price=tuned.sure_price)
+
+    return sorted(starts, key=merit)[:_SUREST]
 
 
 def search_goal(
@@ -157,6 +168,7 @@ def search_goal(
     closed: bool = False,
     # factor of the price of coverage where the beginning is closed and nearly everything is to be seen
     price_factor: float | None = None,
+    heat_factor: float | None = None,  # factor of the temperature there
     coverage_price: float | None = None,  # of all coverage, in lengths of the route, where it is higher than by default
     most_short: float = 1.0,  # the first stage may miss the goal by this share; by more, and the search ends there
     # share of all the work until which further, short stages may follow while they get nearer to the goal
@@ -188,7 +200,7 @@ def search_goal(
     ]
     for chain in chains:
         if closed and goal > tuned.nearly_all and not work.problem.free_order:
-            chain.hottest *= tuned.closed_heat
+            chain.hottest *= heat_factor or tuned.closed_heat
             chain.prices = chain.prices._replace(coverage=chain.prices.coverage * (price_factor or tuned.closed_dearer))
         aim = _corrected(goal, chain.seen, judge.coverage(chain.route, goal))
         chain.prices = chain.prices._replace(goal=aim)

@@ -3,7 +3,7 @@
 They are other cells than routes are judged on, so that a route is not laid out for the places of single centres.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
@@ -28,8 +28,8 @@ judged, others up to 0.025."""
 _LIKELY, _SURER = 0.5, (1.0, 1.5, 2.0, 2.5)
 """Multiples of the distance between two photos along which ground has to be in view."""
 
-_MARGINS, _AS_JUDGED = (0.05, 0.1, 0.2, 0.35, 0.5), 1e-4
-"""Margins on the finest cells, in cells, and the share of coverage by which more may be counted than is judged."""
+_LARGEST_MARGIN, _HALVINGS, _AS_JUDGED = 0.5, 7, 1e-4
+"""Largest margin on the finest cells, in cells; halvings to find one; and how far what is counted may be from what is judged."""
 
 _HIDDEN, _LESS_MARGIN = 0.004, (0.05, 0.025, 0.0)
 """Where the narrowed sensor loses more of the best beginning, a share of coverage, its lines have no room for the margin, and a
@@ -82,15 +82,22 @@ def finest_problem(cells: CoverageMap, route: Route, judged: float) -> RouteProb
     Straight legs show more than flown corners do, and photos by distance fall anywhere: where all is counted as seen and less is
     judged, the goal has no effect. So the sensor is narrowed, or ground has to be in view for longer, until as much is missing.
     """
-    wide = _problem(cells.site, cells, margin_cells=_MARGINS[0])
-    counted: Iterable[RouteProblem] = (_problem(cells.site, cells, margin_cells=more) for more in _MARGINS)
-    if wide.numbers.trigger_m > 0.0:
-        counted = (wide.with_pictures_in_view(share) for share in _SURER)
-    surest = wide
-    for surest in counted:
-        if share_counted(surest, route) <= judged + _AS_JUDGED:
+    counted_so = _problem(cells.site, cells, margin_cells=0.0)
+    if counted_so.numbers.trigger_m > 0.0:
+        for surer in (counted_so.with_pictures_in_view(share) for share in _SURER):
+            counted_so = surer
+            if share_counted(surer, route) <= judged + _AS_JUDGED:
+                break
+        return counted_so
+    low, high = 0.0, _LARGEST_MARGIN
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        counted_so = _problem(cells.site, cells, margin_cells=middle)
+        difference = share_counted(counted_so, route) - judged
+        if abs(difference) <= _AS_JUDGED:
             break
-    return surest
+        low, high = (middle, high) if difference > 0.0 else (low, middle)
+    return counted_so
 
 
 def _with_room(cells: CoverageMap, route: Route, margins: Sequence[float], hidden: float) -> RouteProblem:
