@@ -17,13 +17,15 @@ HOLE = [(10.0, 8.0), (20.0, 9.0), (18.0, 15.0), (11.0, 14.0)]
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     folder = tmp_path / "AC300" / "AC1_0000"
-    (folder / "mem_inf").mkdir(parents=True)
+    folder.mkdir(parents=True)
     text = ["\n".join(f"{x} {y}" for x, y in ring) for ring in (OUTER, HOLE)]
     (folder / "outer_polygon").write_text(text[0])
     (folder / "holes").write_text(text[1] + "\n\n")
     corners = [*HOLE[:1], *((x, y) for y in np.arange(1.5, 24.0, 3.0) for x in (0.0, 30.0)), *HOLE[:1]]
     lines = "\n".join(f"{x} {y} 1" for x, y in corners)
-    (folder / "mem_inf" / "mem_inf_route_data0").write_text(lines + "\n")
+    for flight in ("mem_inf/mem_inf_route_data0", "mem_90/mem_90_route_data0", "mem_90/mem_90_route_data1"):
+        (folder / flight).parent.mkdir(exist_ok=True, parents=True)
+        (folder / flight).write_text(lines + "\n")
     return folder.parent
 
 
@@ -37,8 +39,8 @@ def test_costs_are_those_of_legs_from_rest_to_rest() -> None:
 def test_an_area_is_read_with_its_hole(data: Path) -> None:
     area = read_area(data, "AC1_0000")
     assert area.outline.equals(shapely.Polygon(OUTER, [HOLE]))
-    assert area.seen(area.route_m) == pytest.approx(1.0, abs=1e-3)
-    assert area.seen(np.array([[0.0, 12.0], [1e-9, 12.0]])) == pytest.approx(
+    assert area.seen(area.routes_m) == pytest.approx(1.0, abs=1e-3)
+    assert area.seen([np.array([[0.0, 12.0], [1e-9, 12.0]])]) == pytest.approx(
         0.5 * math.pi * 1.5**2 / area.outline.area, rel=1e-2
     )
 
@@ -63,8 +65,21 @@ def test_the_command_plans_keeps_and_goes_on(cli: Cli, data: Path, tmp_path: Pat
     assert float(row[7]) < 0.01, "the route crosses the hole"
 
 
+def test_flights_keep_the_capacity(cli: Cli, data: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert cli("bench", "areas", data, "--budget", 2, "--processes", 1, "--capacity", 90, "-o", out).code == 0
+    row = dict(zip(*(line.split(",") for line in (out / "areas.csv").read_text().splitlines()), strict=True))
+    assert float(row["seen"]) > 0.99
+    assert float(row["longest_s"]) < 90.0 < float(row["cost_s"])
+    assert float(row["published_s"]) == pytest.approx(2.0 * cost_s(read_area(data, "AC1_0000").routes_m[0]), abs=0.01)
+
+
 def test_bad_usage_is_one_line(cli: Cli, data: Path, tmp_path: Path) -> None:
     assert "no area with mem_inf" in cli("bench", "areas", tmp_path / "none", "-o", tmp_path / "out").error
     assert "--names: unknown: 'AC2'" in cli("bench", "areas", data, "--names", "AC2", "-o", tmp_path / "out").error
+    assert (
+        "mem_60 has no route"
+        in cli("bench", "areas", data, "--capacity", 60, "-o", tmp_path / "other", "--processes", 1).error
+    )
     (data / "AC1_0000" / "holes").write_text("10 x\n")
     assert "cannot be read" in cli("bench", "areas", data, "-o", tmp_path / "out", "--processes", 1).error

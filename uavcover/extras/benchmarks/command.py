@@ -228,6 +228,10 @@ def bench_areas(
     budget_s: Annotated[
         float, typer.Option("--budget", help="Search time per area, in seconds of processor time.", min=1.0)
     ] = 40.0,
+    capacity_s: Annotated[
+        float | None,
+        typer.Option("--capacity", help="Longest flight, in seconds: 1200 as published; default: no limit.", min=1.0),
+    ] = None,
     out: ResultsFolder = None,
     processes: Processes = None,
     output: options.Output,
@@ -242,11 +246,14 @@ def bench_areas(
     console = output.console()
     out = _given(out, "areas AC300 -o areas")
     chosen = options.names("--names", names, area_names(data))
-    folder = KeptRuns(out, {"benchmark": "areas", "budget_s": budget_s})
+    capacity = {} if capacity_s is None else {"capacity_s": capacity_s}
+    folder = KeptRuns(out, {"benchmark": "areas", "budget_s": budget_s, **capacity})
     cores = processes or available_cores()
     return _compare(
         console, folder, "areas", chosen, table_lines, summary,
-        plan=lambda missing: plan_areas(folder, missing, data=data, budget_s=budget_s, processes=cores),
+        plan=lambda missing: plan_areas(
+            folder, missing, data=data, budget_s=budget_s, capacity_s=capacity_s, processes=cores
+        ),
     )  # fmt: skip
 
 
