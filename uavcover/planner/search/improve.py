@@ -153,6 +153,7 @@ class _Judging:
         """The route with its gaps closed; none where it reaches the goal, or they are too many."""
         begun, nearly, aim = self.as_chosen(route), goal > self.tuned.nearly_all, with_safety(goal)
         judges = self.judges if nearly else [self.judging]
+        reaches = None
         # Far from the goal they bring too little for their time.
         if aim - _least_seen(begun, judges) <= self.tuned.most_short:
             price = self.tuned.nearly_all_price * self.tuned.closed_dearer if nearly else self.tuned.waiting_price
@@ -162,8 +163,10 @@ class _Judging:
             )  # fmt: skip
             if _least_seen(begun, judges) >= 0.5 * (goal + aim):
                 return begun
+            reaches = begun if _least_seen(begun, judges) >= goal else None
         least = min(judges, key=lambda judging: share_seen(begun, judging))
-        return with_gaps_closed(least, begun, aim, self.tuned.closed, is_over, most_trials=self.tuned.most_trials)
+        whole = with_gaps_closed(least, begun, aim, self.tuned.closed, is_over, most_trials=self.tuned.most_trials)
+        return min((each for each in (whole, reaches) if each is not None), key=self.problem.cost, default=None)
 
 
 def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[SearchStart]:
@@ -290,8 +293,12 @@ def with_turns_further_out(
                     return best
                 if _violations(site, other) > violations:
                     continue
-                gained = min(_least_seen(other, judges), goal) - seen
-                more = gained * price * spent - (cost(other) - spent)
+                # Each map can only lower what it is worth: the large ones judge few.
+                sees, way = goal, cost(other) - spent
+                for judging in judges:
+                    if (sees - seen) * price * spent - way > worth:
+                        sees = min(sees, share_seen(other, judging))
+                more = (sees - seen) * price * spent - way
                 if more > worth:
                     worth, found = more, other
             if worth > 0.0:
