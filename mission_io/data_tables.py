@@ -28,7 +28,7 @@ def data_table(kind: type[TableT], path: str, section: str) -> TableT:
     try:
         return table_of(kind, read_document(path)[section], where=f"{path}: {section}")
     except KeyError:
-        raise ValueError(f"{path}: {section}: no such section") from None
+        raise ValueError(f"{path}: the section {section} is missing") from None
 
 
 def data_rows(kind: type[TableT], path: str, section: str) -> dict[str, TableT]:
@@ -55,16 +55,16 @@ def _checked(value: object, kind: Any, where: str) -> object:
     if parts := get_args(kind):
         inner = parts[:1] * len(value) if parts[-1] is ... and isinstance(value, list) else parts
         if not isinstance(value, list) or len(value) != len(inner):
-            raise ValueError(f"{where}: {value!r} is not a list of the expected length")
+            raise ValueError(f"{where}: expected a list of another length, not {value!r}")
         return tuple(_checked(part, part_kind, where) for part, part_kind in zip(value, inner, strict=True))
     if isinstance(kind, type) and is_dataclass(kind) and isinstance(value, dict):
         return table_of(kind, value, where=where)
     if isinstance(kind, EnumType) and isinstance(value, str) and value in kind.__members__:
         return kind[value]
     if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool) is not (kind is bool):
-        raise ValueError(f"{where}: {value!r} is not of type {kind.__name__}")
+        raise ValueError(f"{where}: expected a value of type {kind.__name__}, not {value!r}")
     if isinstance(value, int | float) and not math.isfinite(value):
-        raise ValueError(f"{where}: {value} is not finite")
+        raise ValueError(f"{where}: must be finite, not {value}")
     if isinstance(value, float) and where.endswith(("_share", "_fraction")) and not 0.0 <= value <= 1.0:
-        raise ValueError(f"{where}: {value} is not between 0 and 1")
+        raise ValueError(f"{where}: must be between 0 and 1, not {value}")
     return float(value) if kind is float and isinstance(value, int) else value

@@ -96,7 +96,7 @@ def parse_type(text: str) -> int:
     wanted = "vtol-fixedrotor" if text == "vtol" else text
     vehicles = {name: number for number, (name, kind) in _TYPES.items() if kind is not VehicleKind.NO_VEHICLE}
     if wanted not in vehicles:
-        raise MisuseError(f"vehicle type {text!r} is not known; use one of {', '.join(vehicles)}")
+        raise MisuseError(f"unknown vehicle type {text!r}; use one of {', '.join(vehicles)}")
     return vehicles[wanted]
 
 
@@ -304,7 +304,7 @@ def autopilot_for(mav_autopilot: int, vehicle_type: int = VehicleClass.GENERIC) 
     if mav_autopilot == AutopilotId.PX4:
         return PX4
     if mav_autopilot != AutopilotId.ARDUPILOT:
-        raise MisuseError(f"autopilot {mav_autopilot} is not known; mission_io supports ArduPilot (3) and PX4 (12)")
+        raise MisuseError(f"unknown autopilot {mav_autopilot}; mission_io supports ArduPilot (3) and PX4 (12)")
     if vehicle_type == VehicleClass.GENERIC:  # what ArduCopter says until it knows its frame
         return ARDUPILOT
     return _ARDUPILOT_OF_KIND.get(kind_of(vehicle_type), _ARDUPILOT_OTHER)

@@ -50,9 +50,7 @@ def check_for_autopilot(
     limit = known_limit if item_limit is None else item_limit
     if len(items) > limit:
         remedy = "split the mission" if mission_type is MissionType.MISSION else "use fewer or simpler zones or points"
-        problems.append(
-            Problem(None, "", f"{len(items)} items, but the limit of {autopilot.name} is {limit}; {remedy}")
-        )
+        problems.append(Problem(None, "", f"{len(items)} items exceed the {autopilot.name} limit of {limit}; {remedy}"))
     if mission_type is MissionType.MISSION and autopilot.home_in_item_0 and items:
         problems.extend(_home_problems(items[0], autopilot))
     for number, item in enumerate(items):
@@ -72,7 +70,7 @@ def refuse_impossible(items: Sequence[MissionItem], mission_type: MissionType) -
         for name, value in item.values():
             what = _impossible(item, name, value, mission_type)
             if what is not None:
-                advice = "the vehicle's list cannot be flown: upload it again, or clear it"
+                advice = "the vehicle cannot fly its current list; upload the list again, or clear it"
                 raise FormatError(what, where=f"item {number}, {name}", advice=advice)
 
 
@@ -83,9 +81,9 @@ def _impossible(item: MissionItem, name: str, value: float, mission_type: Missio
         return None
     if name in _LARGEST_DEGREES and not abs(value) <= _LARGEST_DEGREES[name]:
         largest = _LARGEST_DEGREES[name]
-        return f"{value} is not a {_NAMES[name]} from -{largest:g} to {largest:g}"
+        return f"the {_NAMES[name]} must be between -{largest:g} and {largest:g}, not {value}"
     if name == "alt_m" and math.isnan(value) and mission_type is not MissionType.FENCE:  # a fence has no heights
-        return "NaN is not a height"
+        return "NaN is not a valid height"
     return None
 
 
@@ -100,7 +98,7 @@ def fence_problems(fence: Fence) -> tuple[str, ...]:
         ring = shapely.Polygon([(vertex.lon_deg, vertex.lat_deg) for vertex in polygon.vertices])
         if not ring.is_valid:
             reason = shapely.is_valid_reason(ring).split("[")[0].strip().lower()
-            found.append(f"fence polygon {number}: it crosses or touches itself ({reason}); draw it again")
+            found.append(f"fence polygon {number} crosses or touches itself ({reason}); draw it again")
     return tuple(found)
 
 
@@ -122,7 +120,7 @@ def _list_problems(items: Sequence[MissionItem], mission_type: MissionType) -> I
 
 def _home_problems(item: MissionItem, autopilot: Autopilot) -> Iterator[Problem]:
     if item.command != Command.NAV_WAYPOINT:
-        what = f"{autopilot.name} puts home into item 0, so this command {item.command} would be lost; send home first"
+        what = f"{autopilot.name} stores home in item 0, so this command {item.command} would be lost; send home first"
         yield Problem(0, "command", what)
 
 
@@ -138,12 +136,12 @@ def _item_problems(item: MissionItem, autopilot: Autopilot, count: int) -> list[
         elif (changed := _change_in_storage(item, autopilot, name, value)) is not None:
             found.append((name, changed))
     if math.isnan(item.alt_m):
-        found.append(("alt_m", "is not a number; use a height in metres"))
+        found.append(("alt_m", "is not a number; specify a height in metres"))
     if item.has_position:
         if not -90.0 <= item.lat_deg <= 90.0:
-            found.append(("lat_deg", f"latitude {item.lat_deg} is not from -90 to 90"))
+            found.append(("lat_deg", f"latitude must be between -90 and 90, not {item.lat_deg}"))
         if not -180.0 <= item.lon_deg <= 180.0:
-            found.append(("lon_deg", f"longitude {item.lon_deg} is not from -180 to 180"))
+            found.append(("lon_deg", f"longitude must be between -180 and 180, not {item.lon_deg}"))
     elif not (item.lat_deg.is_integer() and item.lon_deg.is_integer()):
         found.append(("", "parameters 5 and 6 of a command without a position are sent as whole numbers"))
     return found + _meaning_problems(item, range(int(autopilot.home_in_item_0), count))
@@ -162,17 +160,19 @@ def _meaning_problems(item: MissionItem, to_fly: range) -> list[tuple[str, str]]
     """Values that have no meaning; ``to_fly`` are the numbers of the items that can be jumped to."""
     first, second = item.params[:2]
     if item.command in (Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TIME) and first < 0:
-        return [("param1", f"a hold of {first:g} s; a wait cannot be negative")]
+        return [("param1", f"the hold time is {first:g} s, but must not be negative")]
     if item.command == Command.NAV_WAYPOINT and first > _LONGEST_HOLD_S:
-        return [("param1", f"a hold of {first:g} s is longer than {_LONGEST_HOLD_S} s")]
+        return [("param1", f"the hold time is {first:g} s, but the maximum is {_LONGEST_HOLD_S} s")]
     if item.command == Command.NAV_DELAY and first < 0 and all(value < 0 for value in item.params[1:]):
-        return [("param1", f"a delay of {first:g} s without a time of day; a wait cannot be negative")]
+        return [("param1", f"the delay is {first:g} s without a time of day, but must not be negative")]
     if item.command == Command.DO_JUMP and first not in to_fly:
-        return [("param1", f"a jump to item {first:g}, but the list has items {to_fly.start} to {to_fly.stop - 1}")]
+        return [
+            ("param1", f"the jump leads to item {first:g}, but the list has items {to_fly.start} to {to_fly.stop - 1}")
+        ]
     if item.command == Command.DO_CHANGE_SPEED and not (second > 0 or second in (-1, -2)):
-        return [("param2", f"a speed of {second:g} m/s; it must be above 0")]
+        return [("param2", f"the speed must be greater than 0, not {second:g} m/s")]
     if item.command == Command.DO_SET_CAM_TRIGG_DIST and first < 0:
-        return [("param1", f"a distance of {first:g} m; use 0 to stop, or a distance above 0")]
+        return [("param1", f"the distance is {first:g} m; use 0 to stop triggering, or a distance above 0")]
     return []
 
 

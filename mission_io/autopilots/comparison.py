@@ -33,12 +33,12 @@ _SIX_DECIMALS = 1e-6
 class Meaning(Enum):
     """Rule that compares two numbers of the same parameter."""
 
-    RESERVED = "the command has no use for this parameter"
+    RESERVED = "the command does not use this parameter"
     NUMBER = "a number"
-    OR_DEFAULT = "a number; 0 and NaN leave it to the vehicle"
-    IF_ABOVE_ZERO = "a number above 0; anything else leaves it to the vehicle"
-    IF_NOT_NEGATIVE = "a number from 0; a negative one and NaN leave it to the vehicle"
-    HEADING = "degrees on a circle; NaN leaves it to the vehicle"
+    OR_DEFAULT = "a number; with 0 or NaN, the vehicle chooses the value"
+    IF_ABOVE_ZERO = "a number above 0; with any other value, the vehicle chooses"
+    IF_NOT_NEGATIVE = "a number from 0; with a negative number or NaN, the vehicle chooses the value"
+    HEADING = "degrees on a circle; with NaN, the vehicle chooses the value"
 
     def same(self, a: float, b: float) -> bool:
         """Whether two numbers mean the same."""
@@ -107,7 +107,7 @@ def _meanings() -> Mapping[int, str]:
     path = "mission_io/data/parameter_meanings.toml"
     for command, letters in read_document(path).items():
         if not (command.isdigit() and isinstance(letters, str) and len(letters) <= 7 and set(letters) <= set(_LETTERS)):
-            raise ValueError(f"{path}: {command}: {letters!r} is not up to seven of {''.join(_LETTERS)}")
+            raise ValueError(f"{path}: {command}: expected at most seven of {''.join(_LETTERS)}, not {letters!r}")
     return {int(command): letters for command, letters in read_document(path).items()}
 
 
@@ -150,7 +150,7 @@ def compare_items(
     """Every difference between two item lists on the wire; empty when they are equal to the last bit."""
     differences: list[Difference] = []
     if len(sent) != len(received):
-        why = "items were lost" if len(received) < len(sent) else "the vehicle has items that were not sent"
+        why = "some items were lost" if len(received) < len(sent) else "the vehicle has items that were not sent"
         differences.append(Difference(None, "count", len(sent), len(received), False, why))
     home_first = autopilot.home_in_item_0 and mission_type is MissionType.MISSION
     for number, (a, b) in enumerate(zip(sent, received, strict=False)):
@@ -208,7 +208,7 @@ def _size_text(difference: Difference) -> str:
 
 def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Autopilot) -> list[Difference]:
     if a.command != b.command:
-        return [Difference(number, "command", int(a.command), int(b.command), False, "it is a different command")]
+        return [Difference(number, "command", int(a.command), int(b.command), False, "this is a different command")]
     found: list[Difference] = []
     if a.frame != b.frame:
         no_position = not command_read_back(a).has_position and not command_read_back(b).has_position
@@ -233,7 +233,7 @@ def _item_differences(number: int, a: MissionItem, b: MissionItem, autopilot: Au
         found.append(Difference(number, name, x, y, acceptable, why, size_m))
     if a.autocontinue != b.autocontinue:
         by_design = a.command in NOT_STEPS or (not autopilot.keeps_autocontinue and b.autocontinue)
-        why = f"{autopilot.name} does not store it" if by_design else "the vehicle would stop at another item"
+        why = f"{autopilot.name} does not store this value" if by_design else "the vehicle would stop at another item"
         found.append(Difference(number, "autocontinue", a.autocontinue, b.autocontinue, by_design, why))
     return found
 
@@ -260,12 +260,12 @@ def _verdict(
         return True, "MAVLink carries this number in 32 bits"
     if size_m is not None:
         return (
-            (True, "it is the same height within 2 cm")
+            (True, "this is the same height within 2 cm")
             if size_m <= SAME_PLACE_M
-            else (False, "it is a different height")
+            else (False, "this is a different height")
         )
     if meaning.same(sent, received):
-        return True, f"it means the same: {meaning.value}"
+        return True, f"the meaning is the same: {meaning.value}"
     return False, "the value differs, and no known behaviour of the autopilot explains it"
 
 
@@ -274,8 +274,8 @@ def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple
         rounded = "MAVLink carries coordinates in steps of 1e-7 degrees"
         return True, rounded
     if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_PLACE_M):
-        return True, "it is the same position within 2 cm or a step of 1e-7 degrees"
-    return False, "it is a different position"
+        return True, "this is the same position within 2 cm or a step of 1e-7 degrees"
+    return False, "this is a different position"
 
 
 def _apart_m(a: MissionItem, b: MissionItem) -> float | None:

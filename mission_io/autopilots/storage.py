@@ -132,10 +132,10 @@ _PLACES = frozenset(
         _C.NAV_LOITER_TO_ALT, _C.NAV_SPLINE_WAYPOINT, _C.NAV_VTOL_TAKEOFF, _C.NAV_VTOL_LAND, _C.DO_SET_ROI_LOCATION,
     }
 )  # fmt: skip
-_WHOLE = "ArduPilot stores it as a whole number"
-_UNUSED = "ArduPilot has no use for it"
+_WHOLE = "ArduPilot stores this value as a whole number"
+_UNUSED = "ArduPilot does not use this value"
 _SIGN = "ArduPilot keeps only the sign of the radius here"
-_EXIT = "ArduPilot stores it as yes or no"
+_EXIT = "ArduPilot stores this value as yes or no"
 _KEEP_PARAMETERS_5_TO_7 = {"lat_deg": {_C.DO_DIGICAM_CONTROL, _C.DO_GIMBAL_MANAGER_PITCHYAW},
                            "lon_deg": {_C.DO_DIGICAM_CONTROL},
                            "alt_m": {_C.DO_GIMBAL_MANAGER_PITCHYAW}}  # fmt: skip
@@ -177,7 +177,9 @@ _ARDUPILOT_COMMON = (
     *(
         rule
         for name, kept in _KEEP_PARAMETERS_5_TO_7.items()
-        for rule in _drop((name,), WITHOUT_POSITION - kept, "ArduPilot keeps no more of a command without a position")
+        for rule in _drop(
+            (name,), WITHOUT_POSITION - kept, "ArduPilot keeps only these values of a command without a position"
+        )
     ),
     StorageRule("alt_m", _PLACES, _to_centimetres, 0.01001, "ArduPilot truncates altitudes to centimetres"),
     *_drop(("param2", "param3", "param4", "alt_m"), FENCE, "ArduPilot keeps only the position and size of a fence"),
@@ -193,9 +195,9 @@ ARDUPILOT_COPTER_STORAGE = _by_field(
 """ArduPilot on multicopters, helicopters, rovers, boats and submarines."""
 
 ARDUPILOT_PLANE_STORAGE = _by_field(
-    _rule("param1", {_C.NAV_WAYPOINT}, _dropped, "ArduPilot's planes do not hold at a waypoint; use a loiter", 0.0),
+    _rule("param1", {_C.NAV_WAYPOINT}, _dropped, "ArduPilot planes do not hold at a waypoint; use a loiter item", 0.0),
     *(
-        _rule(f"param{n}", {_C.NAV_WAYPOINT}, _byte_at_most, "ArduPilot stores it in whole metres to 255")
+        _rule(f"param{n}", {_C.NAV_WAYPOINT}, _byte_at_most, "ArduPilot stores this value in whole metres, up to 255")
         for n in (2, 3)
     ),
     *_drop(("param4",), {_C.NAV_WAYPOINT}, _UNUSED),

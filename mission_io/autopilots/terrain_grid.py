@@ -201,7 +201,7 @@ def dat_bytes(blocks: Mapping[TerrainBlock, tuple[Part | None, ...]]) -> bytes:
         MisuseError: blocks of several degrees or spacings, or none.
     """
     if len({(block.south_deg, block.west_deg, block.spacing_m) for block in blocks}) != 1:
-        raise MisuseError("a terrain file has the blocks of one degree at one spacing")
+        raise MisuseError("a terrain file must contain the blocks of one degree at one spacing")
     data = bytearray()
     for block, parts in blocks.items():
         if all(part is None for part in parts):
@@ -214,7 +214,7 @@ def dat_bytes(blocks: Mapping[TerrainBlock, tuple[Part | None, ...]]) -> bytes:
 
 def _block_bytes(block: TerrainBlock, parts: tuple[Part | None, ...]) -> bytes:
     if len(parts) != PART_COUNT:
-        raise MisuseError(f"a terrain block has {PART_COUNT} parts, not {len(parts)}")
+        raise MisuseError(f"a terrain block must have {PART_COUNT} parts, not {len(parts)}")
     bitmap = sum(1 << number for number, part in enumerate(parts) if part is not None)
     heights = [0] * (ROWS * COLUMNS)
     for number, part in enumerate(parts):

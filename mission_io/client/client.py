@@ -166,7 +166,7 @@ class Client(Connection):
                 kind = TransferSilentError if isinstance(error, TransferSilentError) else TransferError
                 raise kind(
                     f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, but the "
-                    f"current list could not be read: {error}",
+                    f"list could not be read back: {error}",
                     vehicle_holds="unknown",
                 ) from None
             autopilot = self.known_autopilot
@@ -174,7 +174,7 @@ class Client(Connection):
             if len(left) <= int(home_stays):
                 return
         raise TransferError(
-            f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged but still has "
+            f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, but still has "
             f"{len(left)} items",
             vehicle_holds="unknown",
             held_items=left,
@@ -221,7 +221,8 @@ class Client(Connection):
             return self._read_back(mission_type, items, autopilot, stop)
         except TransferCancelledError as error:
             raise TransferCancelledError(
-                f"the {list_name(mission_type)} was uploaded but not compared: {error}", vehicle_holds="unknown"
+                f"the {list_name(mission_type)} was uploaded, but could not be read back and compared: {error}",
+                vehicle_holds="unknown",
             ) from None
 
     def ask_item_limit(self, *, timeout_s: float = CALLS.item_limit_s) -> int | None:
@@ -397,7 +398,7 @@ class Client(Connection):
         doing, advice = f"upload of the {list_name(mission_type)}", self.signing_advice()
         error = failure(doing, upload, how_far, vehicle_holds=holds, held_items=held, advice=advice)
         if silent and not isinstance(error, TransferSilentError | TransferCancelledError):
-            return TransferSilentError(f"{error} (it stopped answering){advice}", vehicle_holds=holds)
+            return TransferSilentError(f"{error} (the vehicle stopped answering){advice}", vehicle_holds=holds)
         return error
 
     def _refuse_armed(self, what: str, *, in_flight: bool) -> None:
@@ -420,4 +421,4 @@ def answer_terrain_requests(client: Client, answers: TerrainAnswers) -> None:
     try:
         client.request_message_interval(TerrainRequest, CALLS.terrain_every_s, timeout_s=CALLS.terrain_answer_s)
     except (CommandRefusedError, VehicleSilentError) as error:
-        _log.info("the vehicle may not ask for terrain heights: %s", error)
+        _log.info("the vehicle may not request terrain heights: %s", error)

@@ -24,7 +24,7 @@ def send_command(connection: Connection, command: int, params: tuple[float, ...]
         VehicleSilentError: no final answer within ``timeout_s`` seconds.
     """
     if len(params) > 7:
-        raise MisuseError(f"command {name_of(command)} has {len(params)} parameters; the maximum is 7")
+        raise MisuseError(f"command {name_of(command)} has {len(params)} parameters, but the maximum is 7")
     p1, p2, p3, p4, p5, p6, p7 = (*params, *(0.0,) * (7 - len(params)))
     to = connection.vehicle.address
 
@@ -159,7 +159,7 @@ def set_parameter(
     ask = m.ParamSet(*connection.vehicle.address, name, value, param_type)
     answer = _await_parameter(connection, name, ask, timeout_s)
     if answer.value != float32(value):
-        raise MisuseError(f"{name} is {answer.value:g} after it was set to {value:g}; the vehicle limits or refuses it")
+        raise MisuseError(f"{name} was set to {value:g}, but is {answer.value:g}; the vehicle limits or refuses it")
     return answer
 
 

@@ -219,7 +219,7 @@ class Connection(Closing):
         """Talk to a vehicle from now on, in the newest MAVLink version it speaks."""
         if chosen.system_id == self.local.system_id:
             raise MisuseError(
-                f"the vehicle and this program both use system id {chosen.system_id}; use another system id for this program"
+                f"the vehicle and this program both use system ID {chosen.system_id}; use another system ID for this program"
             )
         self._vehicle, self._heard_at = chosen, self.clock.now()
         if isinstance(self.link, PeerLink):
@@ -236,21 +236,21 @@ class Connection(Closing):
 
     def _silence(self, timeout_s: float, system_id: int | None, component_id: int | None, others: set[int]) -> str:
         """The reason that no vehicle was found, as far as known."""
-        wanted = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
+        wanted = "no vehicle" if system_id is None else f"no vehicle with system ID {system_id}"
         if component_id is not None:
-            wanted += f"{' with' if system_id is None else ' and'} component id {component_id}"
+            wanted += f"{' with' if system_id is None else ' and'} component ID {component_id}"
         statistics = self.statistics
-        heard = f"; received heartbeats of {sorted(others)}" if others else ""
-        advice = "is it on, and the URL right?"
+        heard = f"; received heartbeats from {sorted(others)}" if others else ""
+        advice = "is the vehicle switched on, and is the URL correct?"
         if statistics.refused and not others:
             heard = (
                 f"; {statistics.refused} frames were refused ({statistics.unsigned} unsigned, {statistics.forged} signed "
                 f"with another key, {statistics.replayed} with an old timestamp)"
             )
-            advice = "does it have the same signing key?"
+            advice = "does the vehicle have the same signing key?"
         elif statistics.garbage_bytes and not statistics.frames_in:
-            heard = f"; {statistics.garbage_bytes} bytes received are not MAVLink"
-            advice = "is the baud rate right?"
+            heard = f"; {statistics.garbage_bytes} received bytes are not MAVLink"
+            advice = "is the baud rate correct?"
         return f"{wanted} sent a heartbeat within {timeout_s:g} s{heard}; {advice}"
 
     def wait_until(
@@ -294,7 +294,7 @@ class Connection(Closing):
         signed = self.codec.statistics.signed
         if not signed:
             return ""
-        return f"; the vehicle signs its messages ({signed} frames) and the client has no key: use --signing-key"
+        return f"; the vehicle signs its messages ({signed} frames), but the client has no key: use --signing-key"
 
     def next_messages(self, deadline: float) -> list[Received]:
         """Wait until a datagram brings messages for us; an empty list at ``deadline``, a time of ``clock``."""

@@ -30,7 +30,7 @@ class _Files(Generic[TransferT]):
 
     def __init__(self, client: Client, *, window: int = CALLS.ardupilot_window, silent_s: float = 30.0) -> None:
         if window < 1 or not silent_s > 0.0:
-            raise MisuseError(f"window {window} and silent_s {silent_s} must be above 0")
+            raise MisuseError(f"window and silent_s must be greater than 0, not {window} and {silent_s}")
         self._client, self._window, self._silent_s = client, window, silent_s
         self._unfinished: dict[str, TransferT] = {}
 

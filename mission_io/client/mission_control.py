@@ -136,7 +136,7 @@ def follow_mission(
     while True:
         now = connection.clock.now()
         if connection.heartbeat_age_s > silent_s:
-            raise VehicleSilentError(f"vehicle {vehicle.system_id} sent no heartbeat for {silent_s:g} s")
+            raise VehicleSilentError(f"vehicle {vehicle.system_id} did not send a heartbeat for {silent_s:g} s")
         if now >= heard_at + CALLS.ask_again_s:
             heard_at = now
             connection.send(commands.message_question(vehicle, MissionCurrent))

@@ -88,7 +88,7 @@ class VehicleParameters:
         known = self.read(values.keys())
         lacking = [name for name in values if name not in known]
         if lacking:
-            raise MisuseError(f"{self._who} did not answer for {_listed(lacking)}; nothing was set")
+            raise MisuseError(f"{self._who} did not report {_listed(lacking)}, so no parameter was set")
         wanted = [Parameter(name, value, known[name].param_type) for name, value in values.items()]
         machine = ParameterWrites(self._messages, wanted, now=client.clock.now(), timeout_s=timeout_s)
         run(client, machine, machine.counts)
@@ -119,8 +119,8 @@ def _is_bytewise(client: Client) -> bool:
         capabilities = 0
     if not capabilities & (PARAM_ENCODE_BYTEWISE | PARAM_ENCODE_C_CAST):
         raise MisuseError(
-            f"vehicle {client.vehicle.system_id} ({client.vehicle.described}) does not say how its parameters encode "
-            "whole numbers; specify bytewise"
+            f"vehicle {client.vehicle.system_id} ({client.vehicle.described}) does not report how its parameters "
+            "encode whole numbers; specify bytewise"
         )
     return bool(capabilities & PARAM_ENCODE_BYTEWISE)
 

@@ -40,15 +40,15 @@ def upload_part(
     """
     autopilot = client.vehicle.autopilot
     if not autopilot.takes_parts:
-        raise MisuseError(f"{autopilot.name} does not accept part of a mission; upload the whole mission")
+        raise MisuseError(f"{autopilot.name} does not accept a part of a mission; upload the whole mission")
     held = client.download_list(MissionType.MISSION)
     if not isinstance(held, Mission):  # download_list returns the requested type
-        raise MisuseError("the vehicle has no mission")
+        raise MisuseError("the vehicle has no mission; upload the whole mission")
     last = first + len(items) - 1
     if not 1 <= first <= last <= len(held.items):
         raise MisuseError(
-            f"items {first} to {last} are not all in the vehicle's mission of {len(held.items)} items; only existing "
-            "items can be replaced: upload the whole mission"
+            f"items {first} to {last} are not all in the vehicle's mission of {len(held.items)} items, and only "
+            "existing items can be replaced; upload the whole mission"
         )
     mission = Mission(held.home, (*held.items[: first - 1], *items, *held.items[last:]))
 
@@ -56,7 +56,7 @@ def upload_part(
         upload = Upload(wire[first : last + 1], first=first, **client.exchange_options(mission_type))
         run(client, upload, lambda: (upload.across_count, len(items)), progress=progress, stop=stop)
         if upload.state is not UploadState.ACCEPTED and upload.state not in PROVEN_BY_READING:
-            how_far = f"after {upload.across_count} of {len(items)} items; read the mission to see which items it has"
+            how_far = f"after {upload.across_count} of {len(items)} items; download the mission to see them"
             doing = f"upload of items {first} to {last} of the mission"
             raise failure(doing, upload, how_far, vehicle_holds="unknown", advice=client.signing_advice())
 

@@ -98,7 +98,7 @@ class Peers:
         vehicle = vehicle_of(received)
         if vehicle is not None:
             if self._vehicles and sender not in self._vehicles:
-                _log.warning("vehicle %d (component %d) is on this link, too; choose by system id", *sender)
+                _log.warning("vehicle %d (component %d) is also on this link; choose one by system ID", *sender)
             self._vehicles[sender] = vehicle
         return vehicle
 
@@ -111,7 +111,7 @@ class Peers:
             self._same_ids.add(sender)
             _log.warning(
                 "another sender on this link is system %d, component %d; this program is component %d of the same "
-                "system; vehicles may confuse the two: change the system id of one of them",
+                "system; vehicles may confuse the two, so change the system ID of one of them",
                 *sender,
                 self._local.component_id,
             )
@@ -209,6 +209,6 @@ class VehicleChoice:
 def two_in_one(first: VehicleInfo, second: VehicleInfo) -> str:
     """The problem when heartbeats with the same ids describe two vehicles."""
     return (
-        f"system {first.system_id}, component {first.component_id} reports that it is {first.described} and that it "
-        f"is {second.described}: two vehicles share these ids; change the system id of one of them"
+        f"system {first.system_id}, component {first.component_id} reports both {first.described} and "
+        f"{second.described}: two vehicles share these IDs; change the system ID of one of them"
     )

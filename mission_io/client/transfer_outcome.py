@@ -195,6 +195,6 @@ def description(
     if held is not None:
         text += f" ({len(held)} items"
         if autopilot is not None and holds in ("mixed", "unknown"):
-            text += f", of which the first {new_items_in_front(sent, held, autopilot, mission_type)} are new"
+            text += f", the first {new_items_in_front(sent, held, autopilot, mission_type)} of which are new"
         text += ")"
-    return text + ("; upload it again, or clear it" if holds in ("mixed", "unknown") else "")
+    return text + ("; upload the list again, or clear it" if holds in ("mixed", "unknown") else "")

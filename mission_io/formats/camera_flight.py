@@ -69,18 +69,18 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
     """
     home = mission.home
     if home is None:
-        raise FormatError("the mission has no home", where="home", advice="specify the position where it starts")
+        raise FormatError("the mission has no home", where="home", advice="specify the start position")
     if not is_place(home.lat_deg, home.lon_deg) or not math.isfinite(home.alt_amsl_m):
-        raise FormatError("home is not a position", where="home", advice="specify the position where it starts")
+        raise FormatError("home is not a valid position", where="home", advice="specify the start position")
     reader = _Reader(home, pitch_deg)
     for number, item in enumerate(mission.items, start=1):
         where = f"item {number}"
         action = action_of(item)
         if action is None or not item.autocontinue:
-            what = f"command {int(item.command)} has no counterpart in a list of points"
-            raise FormatError(what if item.autocontinue else "it waits for the pilot to continue", where=where)
+            what = f"command {int(item.command)} cannot be written as a list of points"
+            raise FormatError(what if item.autocontinue else "this item waits for the pilot to continue", where=where)
         if reader.landed:
-            raise FormatError("an item follows the landing", where=where, advice="omit it")
+            raise FormatError("an item follows the landing", where=where, advice="remove it")
         reader.read(action, where)
     return reader.flight()
 
@@ -108,7 +108,7 @@ class _Reader:
                 self._land(action, where)
             case ChangeSpeed():
                 if action.kind is not SpeedType.GROUND or not 0.0 < action.speed_m_s < math.inf:
-                    raise FormatError("only the ground speed can be changed", where=where)
+                    raise FormatError("only changes of the ground speed can be converted", where=where)
                 self._speed_m_s = action.speed_m_s
             case PointMount() | PointGimbal():
                 self._point_camera(action, where)
@@ -117,7 +117,7 @@ class _Reader:
             case TakePicture() | StartPictures():
                 self._picture(action, where)
             case _:
-                what = f"{type(action).__name__} (command {int(action.COMMAND)}) has no counterpart in a list of points"
+                what = f"{type(action).__name__} (command {int(action.COMMAND)}) cannot be written as a list of points"
                 raise FormatError(what, where=where)
         self._hold_from_here()
 
@@ -127,12 +127,12 @@ class _Reader:
         if len(self._points) < 2:
             raise FormatError("the mission has fewer than two points", where="mission")
         if any(math.isnan(point.speed_m_s) for point in self._points):
-            raise FormatError("no speed is set before the first leg", where="mission", advice="set the speed first")
+            raise FormatError("no speed is set before the first leg", where="mission", advice="set it before the leg")
         return CameraFlight(self._home, tuple(self._points))
 
     def _takeoff(self, action: Takeoff, where: str) -> None:
         if self._points:
-            raise FormatError("this take-off is in flight", where=where)
+            raise FormatError("this take-off comes in flight", where=where)
         self._require_near(action.place, self._home.lat_deg, self._home.lon_deg, where, "the take-off is", "home")
         self._add(action.place, where)
 
@@ -142,7 +142,7 @@ class _Reader:
         if action.hold_s or action.acceptance_radius_m or action.pass_radius_m:
             raise FormatError("a waypoint with a hold time or a radius cannot be converted", where=where)
         if action.heading_deg is not None and not math.isfinite(action.heading_deg):
-            raise FormatError("the heading is not a number", where=where)
+            raise FormatError("the heading is not a valid number", where=where)
         self._own_heading_deg = None if action.heading_deg is None else action.heading_deg % 360.0
         self._add(action.place, where)
 
@@ -157,15 +157,15 @@ class _Reader:
     def _require_near(self, place: FramedPoint, lat_deg: float, lon_deg: float, where: str, what: str, of: str) -> None:
         check_place(place.lat_deg, place.lon_deg, where)
         if not ground_distance_m(place.lat_deg, place.lon_deg, lat_deg, lon_deg) <= _STRAIGHT_UP_M:
-            raise FormatError(f"{what} more than {_STRAIGHT_UP_M:g} m away from {of}", where=where)
+            raise FormatError(f"{what} more than {_STRAIGHT_UP_M:g} m from {of}", where=where)
 
     def _add(self, place: FramedPoint, where: str) -> None:
         check_place(place.lat_deg, place.lon_deg, where)
         if place.frame is Frame.ABOVE_TERRAIN:
-            raise FormatError("its height is above the terrain, which is not known here", where=where)
+            raise FormatError("its height is above the terrain, which this conversion does not know", where=where)
         height_m = place.alt_m - (self._home.alt_amsl_m if place.frame is Frame.AMSL else 0.0)
         if not math.isfinite(height_m):
-            raise FormatError("its height is not finite", where=where)
+            raise FormatError("its height is not a finite number", where=where)
         last = self._points[-1] if self._points else None
         if last is None or not (
             abs(last.lat_deg - place.lat_deg) <= _SAME_PLACE_DEG
@@ -188,11 +188,11 @@ class _Reader:
                 raise FormatError("the camera is yawed", where=where)
             self._pitch_deg = self._pitch_deg if action.pitch_deg is None else action.pitch_deg
         if self._pitch_deg is not None and not math.isfinite(self._pitch_deg):
-            raise FormatError("the camera's angle is not a number", where=where)
+            raise FormatError("the camera angle is not a valid number", where=where)
 
     def _trigger(self, action: TriggerEvery, where: str) -> None:
         if not 0.0 <= action.distance_m < math.inf or action.shutter_ms or (action.distance_m and not action.at_once):
-            raise FormatError("the distance-based trigger does not start at once", where=where)
+            raise FormatError("the distance-based trigger does not start immediately", where=where)
         self._distance_m = action.distance_m or None
 
     def _picture(self, action: TakePicture | StartPictures, where: str) -> None:
@@ -204,7 +204,7 @@ class _Reader:
         if not plain:
             raise FormatError("only single photos can be converted", where=where)
         if not self._points:
-            raise FormatError("this photo is before the take-off", where=where)
+            raise FormatError("this photo comes before take-off", where=where)
         last = self._points[-1]
         self._points[-1] = dataclasses.replace(last, pictures=last.pictures + 1)
 

@@ -44,17 +44,17 @@ def read_mission(text: str) -> MissionFile:
     first, header = next(rows, (1, []))
     for name in _COLUMNS:
         if header.count(name) != 1:
-            what = f"{header.count(name)} columns are named {name}; there must be 1"
-            raise FormatError(what, where=f"line {first}", advice=f"it was read as {dialect}")
+            what = f"{header.count(name)} columns are named {name}, but there must be one"
+            raise FormatError(what, where=f"line {first}", advice=f"the file was read as {dialect}")
     left_out = [name for name in header if name not in _COLUMNS]
     if left_out:
-        repairs.append(f"line {first}: ignored {len(left_out)} columns; the first is {left_out[0][:30]!r}")
+        repairs.append(f"line {first}: ignored {len(left_out)} columns, the first of which is {left_out[0][:30]!r}")
     home: GeoPoint | None = None
     items: list[MissionItem] = []
     for line, cells in rows:
         where = f"line {line}"
         if len(cells) < len(header):
-            raise FormatError(f"{len(cells)} columns, but the header has {len(header)}", where=where)
+            raise FormatError(f"the row has {len(cells)} columns, but the header has {len(header)}", where=where)
         row = dict(zip(header, cells, strict=False))
         number, item = _whole(row, "item", where), _item(row, where)
         if number == 0 and home is None and not items:
@@ -70,19 +70,19 @@ def _item(row: Mapping[str, str], where: str) -> MissionItem:
     try:
         frame = Frame[row["alt_datum"].strip()]
     except KeyError:
-        what = f"{row['alt_datum'][:20]!r} is not a datum"
+        what = f"{row['alt_datum'][:20]!r} is not a supported datum"
         raise FormatError(what, where=f"{where}, alt_datum", advice=f"use {', '.join(Frame.__members__)}") from None
     if _whole(row, "frame", where) != frame:
         raise FormatError(f"frame {row['frame']} is not {frame.name}", where=where, advice=f"use {int(frame)}")
     command = _whole(row, "command", where)
     if not 0 <= command <= 65535:
-        raise FormatError(f"command {command} is not from 0 to 65535", where=where)
+        raise FormatError(f"the command must be between 0 and 65535, not {command}", where=where)
     p1, p2, p3, p4, lat, lon, alt = (_value(row[name].strip(), f"{where}, {name}") for name in _VALUES)
     if frame is not Frame.COMMAND:
         check_place(lat, lon, where)
     autocontinue = row["autocontinue"].strip()
     if autocontinue not in ("0", "1"):
-        raise FormatError(f"{autocontinue[:20]!r} is not 0 or 1", where=f"{where}, autocontinue")
+        raise FormatError(f"must be 0 or 1, not {autocontinue[:20]!r}", where=f"{where}, autocontinue")
     return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, autocontinue == "1")
 
 

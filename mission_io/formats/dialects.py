@@ -60,12 +60,12 @@ class Dialect:
                     cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
                 yield line, cells
         except csv.Error as error:
-            raise FormatError(f"not CSV: {error}", where=f"line {reader.line_num + self.first_line - 1}") from None
+            raise FormatError(f"invalid CSV: {error}", where=f"line {reader.line_num + self.first_line - 1}") from None
 
     def _too_many(self, count: int, columns: int, line: int) -> FormatError:
-        advice = "save the table again"
+        advice = "save the table again as CSV"
         if self.separator == ",":
-            advice = "are its decimals commas too? save it with decimal points, or with semicolons between columns"
+            advice = "if it also has decimal commas, save it with decimal points, or with semicolons between columns"
         return FormatError(f"{count} cells, but the header has {columns} ({self})", where=f"line {line}", advice=advice)
 
 
@@ -92,8 +92,9 @@ def sniff(text: str) -> Dialect:
         with_point = with_point or (line if any(map(_DECIMAL_POINT.fullmatch, cells)) else 0)
     if with_comma and with_point:
         raise FormatError(
-            f"numbers with commas (line {with_comma}) and with points (line {with_point}), columns separated by "
-            f"{_NAMES[separator]}", where=f"line {max(with_comma, with_point)}", advice="save it with decimal points only",
+            f"the file has both decimal commas (line {with_comma}) and decimal points (line {with_point}), with "
+            f"columns separated by {_NAMES[separator]}",
+            where=f"line {max(with_comma, with_point)}", advice="save it with decimal points only",
         )  # fmt: skip
     return Dialect(separator, "," if with_comma else ".", first + 1)
 
@@ -153,7 +154,7 @@ def words_of(line: str, count: int, *, usual: str = " ") -> Words:
         if with_comma and with_point:
             break
         if with_comma:
-            return Words(tuple(part.replace(",", ".") for part in parts), "decimal commas were read as points")
+            return Words(tuple(part.replace(",", ".") for part in parts), "decimal commas were read as decimal points")
         is_usual = content == line.strip() and (content.split() if usual == " " else content.split(usual)) == parts
         return Words(tuple(parts), "" if is_usual else "changed the separators")
     parts = _ANY.split(content)
@@ -161,5 +162,5 @@ def words_of(line: str, count: int, *, usual: str = " ") -> Words:
         return Words(tuple(parts), "changed the separators")
     advice = ""
     if "," in content and len(parts) > count:
-        advice = "are its decimals commas? use decimal points, or put spaces or semicolons between the numbers"
-    raise FormatError(f"{len(parts)} columns; {count} are expected", where="", advice=advice)
+        advice = "if it has decimal commas, use decimal points, or put spaces or semicolons between the numbers"
+    raise FormatError(f"expected {count} columns, not {len(parts)}", where="", advice=advice)

@@ -15,8 +15,8 @@ from mission_io.model.items import Command, Frame, Mission, MissionItem
 def place_of(lon_deg: float, lat_deg: float, where: str) -> LatLon:
     """A position of a format that writes the longitude first. Raises FormatError: it is none, with ``where``."""
     if not is_place(lat_deg, lon_deg):
-        what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a position"
-        raise FormatError(what, where=where, advice="longitude comes first")
+        what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a valid position"
+        raise FormatError(what, where=where, advice="write longitude first")
     return LatLon(lat_deg, lon_deg)
 
 
@@ -79,7 +79,7 @@ def open_ring(points: list[LatLon], where: str, repairs: list[str]) -> tuple[Lat
     elif points:
         repairs.append(f"{where}: the ring was not closed")
     if len(set(points)) < 3:
-        raise FormatError(f"the ring has {len(set(points))} corners", where=where, advice="an area needs 3 or more")
+        raise FormatError(f"only {len(set(points))} different corners", where=where, advice="an area needs at least 3")
     return tuple(points)
 
 
@@ -114,7 +114,7 @@ def alt_amsl_m(point: RoutePoint, mission: Mission) -> float:
         return item.alt_m
     where = f"item {point.number}"
     if item.frame is Frame.ABOVE_TERRAIN:
-        raise FormatError("its height is above the terrain, which is not known here", where=where)
+        raise FormatError("its height is above the terrain, which this conversion does not know", where=where)
     if mission.home is None:
         raise FormatError(
             "its height is above home, but the mission has no home", where=where, advice="specify the home"

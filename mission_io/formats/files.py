@@ -64,7 +64,7 @@ def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> M
         reader, surprise = _reader_of(suffix, decoded.text)
         read = reader(decoded.text, mission_type)
     except OSError as error:
-        raise MisuseError(f"{path}: cannot be read ({error.strerror})") from error
+        raise MisuseError(f"{path}: cannot read the file ({error.strerror})") from error
     except FormatError as error:
         where = f"{path}: {error.where}" if error.where else str(path)
         raise FormatError(error.what, where=where, advice=error.advice) from error
@@ -72,7 +72,7 @@ def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> M
         raise FormatError(
             f"the file contains no {mission_type.name.lower()}",
             where=str(path),
-            advice="request the list that it contains",
+            advice="request the list that the file contains",
         )
     return MissionFile(read.mission, read.fence, read.rally, (*decoded.repairs, *surprise, *read.repairs))
 
@@ -127,7 +127,7 @@ def write_mission(
     try:
         path.write_text(text, encoding="utf-8", newline="")
     except OSError as error:
-        raise MisuseError(f"{path}: cannot be written ({error.strerror})") from error
+        raise MisuseError(f"{path}: cannot write the file ({error.strerror})") from error
     return losses
 
 
@@ -244,5 +244,5 @@ def mission_text(file_format: str, lists: plan.PlanFile, *, name: str = "mission
     """
     writer = _WRITERS.get(file_format)
     if writer is None:
-        raise MisuseError(f"format {file_format!r} is not one of {', '.join(FORMATS)}")
+        raise MisuseError(f"unknown format {file_format!r}; use one of {', '.join(FORMATS)}")
     return writer(lists, name)

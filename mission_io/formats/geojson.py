@@ -55,7 +55,7 @@ def _feature(geometry: dict[str, Any], properties: dict[str, Any]) -> dict[str, 
 def _position(point: RoutePoint, mission: Mission) -> list[float]:
     position = [point.item.lon_deg, point.item.lat_deg, alt_amsl_m(point, mission)]
     if not all(math.isfinite(value) for value in position):
-        raise FormatError("a coordinate is not finite", where=f"item {point.number}")
+        raise FormatError("a coordinate is not a finite number", where=f"item {point.number}")
     return position
 
 
@@ -139,7 +139,7 @@ def _plain_place(position: Any) -> LatLon | None:
 def _place(node: Node) -> LatLon:
     numbers = node.nodes()
     if len(numbers) < 2:
-        raise FormatError(f"a position of {len(numbers)} numbers", where=node.where, advice="use longitude, latitude")
+        raise FormatError(f"the position has {len(numbers)} numbers", where=node.where, advice="use longitude,latitude")
     lon_deg, lat_deg = numbers[0].number(), numbers[1].number()
     return place_of(lon_deg, lat_deg, node.where)
 
@@ -151,4 +151,4 @@ def _check_reference_system(node: Node) -> None:
     crs = node.get("crs")
     name = crs.get("properties").get("name").text()
     if name.upper().replace("::", ":").rpartition(":")[2] not in ("CRS84", "4326"):
-        raise FormatError(f"the reference system is {name[:40]!r}", where=crs.where, advice="export it as WGS 84")
+        raise FormatError(f"the reference system is {name[:40]!r}", where=crs.where, advice="export the file in WGS 84")

@@ -54,7 +54,7 @@ def read_route(text: str) -> PointRoute:
     """
     root, repairs = xml_root(text)
     if local_name(root) != "gpx":
-        raise FormatError(f"the document is a {local_name(root)[:40]!r}", where="XML", advice="use a GPX file")
+        raise FormatError(f"the root element is {local_name(root)[:40]!r}", where="XML", advice="use a GPX file")
     routes = [element for element in root if local_name(element) == "rte"]
     tracks = [element for element in root if local_name(element) == "trk"]
     chosen = routes or tracks

@@ -23,7 +23,7 @@ class Node:
     def get(self, key: str) -> "Node":
         """The value of a required key."""
         if not isinstance(self.value, Mapping):
-            raise FormatError("an object is expected here", where=self.where)
+            raise FormatError("expected an object", where=self.where)
         if key not in self.value:
             raise FormatError("the key is missing", where=f"{self.where}.{key}")
         return Node(self.value[key], f"{self.where}.{key}")
@@ -36,39 +36,39 @@ class Node:
     def nodes(self) -> list["Node"]:
         """The entries of a list."""
         if not isinstance(self.value, list):
-            raise FormatError("a list is expected here", where=self.where)
+            raise FormatError("expected a list", where=self.where)
         return [Node(value, f"{self.where}[{index}]") for index, value in enumerate(self.value)]
 
     def number(self) -> float:
         """A number as a double."""
         if isinstance(self.value, bool) or not isinstance(self.value, int | float) or abs(self.value) > _LARGEST:
-            raise FormatError(f"{_shown(self.value)} is not a number", where=self.where)
+            raise FormatError(f"expected a number, not {_shown(self.value)}", where=self.where)
         return float(self.value)
 
     def whole(self) -> int:
         """A number without a fraction."""
         value = self.number()
         if value != int(value):
-            raise FormatError(f"{value} is not a whole number", where=self.where)
+            raise FormatError(f"expected a whole number, not {value}", where=self.where)
         return int(value)
 
     def truth(self) -> bool:
         """True or false."""
         if not isinstance(self.value, bool):
-            raise FormatError("true or false is expected here", where=self.where)
+            raise FormatError("expected true or false", where=self.where)
         return self.value
 
     def text(self) -> str:
         """A string."""
         if not isinstance(self.value, str):
-            raise FormatError("a string is expected here", where=self.where)
+            raise FormatError("expected a string", where=self.where)
         return self.value
 
     def floats(self, size: int) -> list[float]:
         """A list of a given number of numbers."""
         nodes = self.nodes()
         if len(nodes) != size:
-            raise FormatError(f"{len(nodes)} numbers; {size} are expected", where=self.where)
+            raise FormatError(f"expected {size} numbers, not {len(nodes)}", where=self.where)
         return [node.number() for node in nodes]
 
 
@@ -81,11 +81,11 @@ def parse_json(text: str, name: str) -> Node:
     try:
         return Node(json.loads(text, parse_constant=_refuse_constant), name)
     except RecursionError:
-        raise FormatError("nested too deeply", where=name) from None
+        raise FormatError("the JSON is nested too deeply", where=name) from None
     except json.JSONDecodeError as error:
-        raise FormatError(f"not JSON: {error.msg}", where=f"line {error.lineno}") from None
+        raise FormatError(f"cannot read the file as JSON: {error.msg}", where=f"line {error.lineno}") from None
     except ValueError as error:
-        raise FormatError(f"a number that cannot be read: {error}"[:80], where=name) from None
+        raise FormatError(f"cannot read a number: {error}"[:80], where=name) from None
 
 
 def _refuse_constant(name: str) -> float:
@@ -97,5 +97,5 @@ def _shown(value: Any) -> str:
     if isinstance(value, str):
         return repr(value[:20])
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return "a number too large"
+        return "a number that is too large"
     return {dict: "an object", list: "a list", bool: "true or false"}.get(type(value), "null")

@@ -69,9 +69,13 @@ def read_drawing(text: str) -> Drawing:
     try:
         parser.Parse(clean.text.encode("utf-8"), True)
     except expat.ExpatError as error:
-        raise FormatError(f"not XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
+        raise FormatError(f"invalid XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
     except UnicodeEncodeError:
-        raise FormatError("half a character (a lone surrogate)", where="text", advice="save it as UTF-8") from None
+        raise FormatError(
+            "the text contains an incomplete character (a lone surrogate)",
+            where="text",
+            advice="save the file as UTF-8",
+        ) from None
     return reader.drawing()
 
 
@@ -141,12 +145,12 @@ class _DrawingReader:
             self._end_ring(parent)
         elif name == "Polygon":
             if self._exterior is None:
-                raise FormatError("a polygon without an outer boundary", where=self._where())
+                raise FormatError("the polygon has no outer boundary", where=self._where())
             self._add_area(DrawnArea(self._exterior, tuple(self._holes)))
             self._exterior = None
 
     def refuse_document_type(self, *_: object) -> None:
-        raise FormatError("a document type, which may define entities", where=self._where(), advice="remove <!DOCTYPE>")
+        raise FormatError("document types are not supported", where=self._where(), advice="remove <!DOCTYPE>")
 
     def drawing(self) -> Drawing:
         return Drawing(
@@ -173,7 +177,11 @@ class _DrawingReader:
         elif boundary == "outerBoundaryIs" and self._exterior is None:
             self._exterior = ring
         elif boundary == "outerBoundaryIs":
-            raise FormatError("a second outer boundary", where=self._where(), advice="save it as a separate polygon")
+            raise FormatError(
+                "the polygon has a second outer boundary",
+                where=self._where(),
+                advice="save the second part as a separate polygon",
+            )
         else:
             self._add_area(DrawnArea(ring))
 
@@ -233,18 +241,18 @@ def read_route(text: str) -> PointRoute:
     """
     root, repairs = xml_root(text)
     if local_name(root) != "kml":
-        raise FormatError(f"the document is a {local_name(root)[:40]!r}", where="XML", advice="use a KML file")
+        raise FormatError(f"the root element is {local_name(root)[:40]!r}", where="XML", advice="use a KML file")
     if "dji.com/wpmz" in text[:2000]:
         raise FormatError(
-            "the file is DJI's template.kml, which contains the settings of a flight and not its waypoints", where="kml",
+            "the file is DJI's template.kml, which contains the settings of a flight, but not its waypoints", where="kml",
             advice="use the .kmz with its waylines.wpml, or use its area with new",
         )  # fmt: skip
     lines = [element for element in root.iter() if local_name(element) == "LineString"]
     high = [line for line in lines if (child_text(line, "altitudeMode") or "") in _FRAMES]
     if len(high) != 1:
         raise FormatError(
-            f"{len(lines)} lines, {len(high)} of them with heights (altitudeMode absolute or relativeToGround)", where="kml",
-            advice="save only the line that is flown, with heights",
+            f"the file has {len(lines)} lines, {len(high)} with heights (altitudeMode absolute or relativeToGround)", where="kml",
+            advice="save only the line to be flown, with heights",
         )  # fmt: skip
     return route_from_stops(_stops(high[0]), repairs=repairs)
 

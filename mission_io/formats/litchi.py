@@ -44,7 +44,9 @@ def write_csv(flight: CameraFlight) -> str:
     points = flight.points
     if not 2 <= len(points) <= MOST_WAYPOINTS:
         raise FormatError(
-            f"{len(points)} points; Litchi accepts 2 to {MOST_WAYPOINTS}", where="flight", advice="split it"
+            f"the mission has {len(points)} points, but Litchi accepts 2 to {MOST_WAYPOINTS}",
+            where="flight",
+            advice="split the mission",
         )
     _check_distances(points)
     rows = [_row(number, points) for number in range(len(points))]
@@ -58,10 +60,10 @@ def _row(number: int, points: Sequence[CameraPoint]) -> str:
     pictures = point.pictures + begins  # where pictures by distance begin, one is taken at once
     pitch_deg = 0.0 if point.pitch_deg is None else point.pitch_deg
     _check("m above home", point.height_above_home_m, _HEIGHTS_M, where)
-    _check("degrees of the camera's pitch", pitch_deg, _PITCHES_DEG, where)
+    _check("degrees of camera pitch", pitch_deg, _PITCHES_DEG, where)
     _check("m/s", point.speed_m_s, (0.1, 15.0), where)
     if pictures > _ACTIONS:
-        raise FormatError(f"{pictures} photos at one point; the limit of Litchi is {_ACTIONS}", where=where)
+        raise FormatError(f"a point has {pictures} photos, but the limit of Litchi is {_ACTIONS}", where=where)
     heading_deg = _course_deg(points, number) if point.heading_deg is None else point.heading_deg
     distance_m = -1.0 if point.picture_distance_m is None else point.picture_distance_m
     actions = [_TAKE_PHOTO] * pictures + [_NO_ACTION] * (_ACTIONS - pictures)
@@ -76,7 +78,7 @@ def _row(number: int, points: Sequence[CameraPoint]) -> str:
 
 def _check(what: str, value: float, limits: tuple[float, float], where: str) -> None:
     if not limits[0] <= value <= limits[1]:
-        raise FormatError(f"{value:g} {what}; Litchi accepts {limits[0]:g} to {limits[1]:g}", where=where)
+        raise FormatError(f"{value:g} {what} is invalid; Litchi accepts {limits[0]:g} to {limits[1]:g}", where=where)
 
 
 def _check_distances(points: Sequence[CameraPoint]) -> None:
@@ -118,14 +120,12 @@ def read_route(text: str) -> PointRoute:
     """
     clean = clean_text(text)
     if not is_litchi(clean.text):
-        raise FormatError("the header is not that of Litchi's Mission Hub", where="line 1")
+        raise FormatError("the header differs from that of Litchi's Mission Hub", where="line 1")
     dialect = sniff(clean.text)
     (first, header), *rows = dialect.rows(clean.text)
     header = [name.lower() for name in header]
     if "altitude(m)" not in header and rows:
-        raise FormatError(
-            "heights are not in metres", where=f"line {first}", advice="export the mission with metric units"
-        )
+        raise FormatError("the heights are not in metres", where=f"line {first}", advice="export with metric units")
     repairs = [*clean.repairs, *dialect.repairs]
     stops, curves, looks_at_poi = [], 0, 0
     for line, cells in rows:
@@ -136,20 +136,20 @@ def read_route(text: str) -> PointRoute:
         )
         mode = number_in(fields.get("altitudemode") or "0", f"{where}, altitudemode")
         if mode not in _FRAMES:
-            raise FormatError(f"altitude mode {mode:g}", where=where, advice="it must be 0 (take-off) or 1 (ground)")
+            raise FormatError(f"unknown altitude mode {mode:g}", where=where, advice="use 0 (take-off) or 1 (ground)")
         speed = number_in(fields.get("speed(m/s)") or "0", f"{where}, speed")
         curves += number_in(fields.get("curvesize(m)") or "0", f"{where}, curvesize") > 0.0
         camera = _camera(fields, where)
         stops.append(RouteStop(lat, lon, alt, _FRAMES[int(mode)], speed if speed > 0.0 else None, camera))
         looks_at_poi += fields.get("gimbalmode", "").strip() == "1"
     if curves:
-        repairs.append(f"{curves} corners are curved; they are read as sharp")
+        repairs.append(f"{curves} curved corners were read as sharp")
     if looks_at_poi:
-        repairs.append(f"{looks_at_poi} points look at a point of interest; their camera's angle is not known here")
+        repairs.append(f"{looks_at_poi} points face a point of interest, so their camera angle is unknown")
     route = route_from_stops(stops, repairs=repairs)
     turns = sum(item.command == Command.CONDITION_YAW for item in route.mission.items)
     messages = (
-        [f'{turns} headings differ from their legs; they are kept, as with Heading Mode "Custom (WD)"'] if turns else []
+        [f'{turns} headings differ from their legs and were kept, as with Heading Mode "Custom (WD)"'] if turns else []
     )
     return dataclasses.replace(route, repairs=(*route.repairs, *messages))
 

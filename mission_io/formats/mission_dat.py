@@ -35,21 +35,21 @@ def read_mission_dat(content: bytes, mission_type: MissionType) -> list[MissionI
         FormatError: it is no such file, of another list, or not whole.
     """
     if len(content) < _HEAD.size:
-        raise FormatError(f"{len(content)} bytes are too few for an ArduPilot list, whose header has {_HEAD.size}")
+        raise FormatError(f"the file has {len(content)} bytes, but the header of an ArduPilot list has {_HEAD.size}")
     magic, kind, _, start, count = _HEAD.unpack_from(content)
     if magic != _MAGIC:
-        raise FormatError(f"this is not an ArduPilot list: it begins with {magic:#06x} instead of {_MAGIC:#06x}")
+        raise FormatError(f"not an ArduPilot list, because it begins with {magic:#06x} instead of {_MAGIC:#06x}")
     if kind != mission_type:
         raise FormatError(
             f"the file contains a list of type {kind}, not {mission_type.value} ({mission_type.name.lower()})"
         )
     if start != 0:
-        raise FormatError(f"the file is part of a list: it begins at item {start}")
+        raise FormatError(f"the file contains only a part of a list, which begins at item {start}")
     size = len(content) - _HEAD.size
     if size != count * _ITEM.size:
         raise FormatError(
             f"the header announces {count} items ({count * _ITEM.size} bytes), but {size} bytes follow",
-            advice="download it again",
+            advice="download the file again",
         )
     items = []
     for seq, fields in enumerate(_ITEM.iter_unpack(content[_HEAD.size :])):

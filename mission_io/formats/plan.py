@@ -102,7 +102,7 @@ def write(plan: PlanFile) -> str:
             return point that are not above home, or items that differ from what a kept entry flies.
     """
     if not math.isfinite(plan.cruise_speed_m_s) or not math.isfinite(plan.hover_speed_m_s):
-        raise FormatError("a speed is not finite", where="mission.cruiseSpeed", advice="use finite speeds")
+        raise FormatError("a speed is not a finite number", where="mission.cruiseSpeed", advice="use finite speeds")
     mission = {
         "cruiseSpeed": round(plan.cruise_speed_m_s),
         "firmwareType": int(plan.mav_autopilot),
@@ -117,9 +117,9 @@ def write(plan: PlanFile) -> str:
         texts = {name: _part_text(plan, name, part, indent=8) for name, part in parts.items()}
         return _part_text(plan, "", texts, indent=4) + "\n"
     except ValueError:
-        raise FormatError("a number is not finite", where="plan", advice="use finite positions and speeds") from None
+        raise FormatError("a value is not a finite number", where="plan", advice="use finite numbers") from None
     except TypeError:
-        raise FormatError("a key or value that JSON does not have", where="extras", advice="omit it") from None
+        raise FormatError("a key or value cannot be written as JSON", where="extras", advice="remove it") from None
     except RecursionError:
         raise FormatError("a kept entry is nested too deeply", where="plan") from None
 
@@ -130,7 +130,7 @@ def _home_json(plan: PlanFile) -> object:
         return [home.lat_deg, home.lon_deg, home.alt_amsl_m]
     kept = plan.extras.get("mission", {}).get(_HOME)
     if kept is None:
-        raise FormatError("the mission has no home", where=_HOME, advice="specify the position where it starts")
+        raise FormatError("the mission has no home", where=_HOME, advice="specify the start position")
     return kept
 
 
@@ -151,7 +151,7 @@ def _part_text(plan: PlanFile, name: str, part: Mapping[str, Any], *, indent: in
 def losses(plan: PlanFile) -> tuple[str, ...]:
     """Values that ``write`` rounds, one line each: Mission Planner reads speeds only as whole numbers."""
     speeds = (("cruiseSpeed", plan.cruise_speed_m_s), ("hoverSpeed", plan.hover_speed_m_s))
-    return tuple(f"mission.{key}: {value} is written as {round(value)}" for key, value in speeds if value % 1.0)
+    return tuple(f"mission.{key}: rounded {value} to {round(value)}" for key, value in speeds if value % 1.0)
 
 
 def _items_json(plan: PlanFile) -> list[Mapping[str, Any]]:
@@ -182,7 +182,7 @@ def _check_jumps(plan: PlanFile) -> None:
         target = item.params[0]
         if target in inside or not (1 <= target <= len(plan.mission.items) and target == int(target)):
             raise FormatError(
-                f"a jump to {target:g}, but no simple item has this number",
+                f"the jump leads to {target:g}, but no simple item has this number",
                 where=f"mission item {number}, param 1",
                 advice="change the jump, or write a .waypoints file",
             )
@@ -199,7 +199,7 @@ def read(text: str) -> PlanFile:
     for entry in plan.entries:
         if not entry.is_flyable:
             raise FormatError(
-                f"the items of a {entry.kind} are not in the file",
+                f"the file does not contain the items of a {entry.kind}",
                 where=f"plan.mission.items, after mission item {entry.first}",
                 advice="upload it with QGroundControl and download the mission",
             )
@@ -215,7 +215,7 @@ def read_to_keep(text: str) -> PlanFile:
     clean = clean_text(text)
     root = parse_json(clean.text, "plan")
     if root.get("fileType").value != "Plan":
-        raise FormatError("not a plan", where="plan.fileType", advice="it must be 'Plan'")
+        raise FormatError("this is not a plan", where="plan.fileType", advice="it must be 'Plan'")
     repairs = list(clean.repairs)
     extras: dict[str, Mapping[str, Any]] = {}
     _read_part(root, "", repairs, extras)
@@ -248,7 +248,7 @@ def _is_there(root: Node, name: str, repairs: list[str]) -> bool:
     """Whether the plan has a fence or rally points."""
     if name in root.value:
         return True
-    repairs.append(f"plan.{name}: is missing; the plan is read without it")
+    repairs.append(f"plan.{name} is missing; the plan was read without it")
     return False
 
 
@@ -274,8 +274,10 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
         repairs.append(f"{node.where}: this is the old version 1; it will be written as version {version}")
         known = known | _OLD_KEYS
     elif found != version:
-        what = f"version {found!r:.20} is not known"
-        raise FormatError(what, where=f"{node.where}.version", advice=f"it must be {version}; save the plan again")
+        what = f"unknown version {found!r:.20}"
+        raise FormatError(
+            what, where=f"{node.where}.version", advice=f"the version must be {version}; save the plan again"
+        )
     constants = _CONSTANTS[name]
     others = {
         key: value
@@ -313,7 +315,7 @@ def read_items(node: Node, repairs: list[str]) -> tuple[tuple[MissionItem, ...],
     for first, entry in jumps:
         target = by_jump_id.get(items[first].params[0])
         if target is None:
-            what = f"a jump to {items[first].params[0]:g}, which no simple item has as its doJumpId"
+            what = f"the jump leads to {items[first].params[0]:g}, but no simple item has this doJumpId"
             raise FormatError(what, where=f"{entry.where}.params[0]")
         _, p2, p3, p4 = items[first].params
         items[first] = dataclasses.replace(items[first], params=(float(target), p2, p3, p4))
@@ -337,7 +339,7 @@ def read_old_json(text: str) -> MissionFile:
     """
     clean = clean_text(text)
     root = parse_json(clean.text, "file")
-    repairs = [*clean.repairs, "a QGroundControl file older than .plan"]
+    repairs = [*clean.repairs, "this is a QGroundControl file older than .plan"]
     kind = root.optional("fileType", lambda node: node.value, None)
     if kind == "GeoFence":
         return MissionFile(fence=read_fence_part(root, repairs), repairs=tuple(repairs))
@@ -349,7 +351,7 @@ def read_old_json(text: str) -> MissionFile:
     if version in _VERSIONS_1 and version is not True:
         return MissionFile(_mission_of_version_1(root, repairs), repairs=tuple(repairs))
     if version != 2:
-        raise FormatError(f"version {version!r:.20} is not known", where="file.version", advice="it must be 1 or 2")
+        raise FormatError(f"unknown version {version!r:.20}", where="file.version", advice="the version must be 1 or 2")
     extras: dict[str, Mapping[str, Any]] = {}
     home = read_home(root.get("plannedHomePosition"), repairs, extras)
     items, entries = read_items(root.get("items"), repairs)
@@ -390,12 +392,12 @@ def _jump_to(item: MissionItem, numbers: Mapping[int, int]) -> MissionItem:
         return item
     target, p2, p3, p4 = item.params
     if target not in numbers:
-        what = f"a jump to {target:g}, but no item has this id"
+        what = f"the jump leads to {target:g}, but no item has this ID"
         raise FormatError(what, where="file.items", advice="change the jump")
     return dataclasses.replace(item, params=(float(numbers[int(target)]), p2, p3, p4))
 
 
 def _refuse_surveys(there_are_some: bool) -> None:
     if there_are_some:
-        what = "the items of the survey are not in the file"
+        what = "the file does not contain the items of the survey"
         raise FormatError(what, where="file", advice="upload it with QGroundControl and download the mission")

@@ -155,7 +155,7 @@ def simple_json(number: int, item: MissionItem) -> dict[str, Any]:
     if not all(map(math.isfinite, values)) and (
         any(math.isinf(value) for value in values) or any(math.isnan(value) for value in values[4:])
     ):
-        raise FormatError("a number is not finite", where=f"mission item {number}")
+        raise FormatError("a value is not a finite number", where=f"mission item {number}")
     entry: dict[str, Any] = {
         "autoContinue": item.autocontinue,
         "command": int(item.command),
@@ -179,7 +179,7 @@ def read_simple(node: Node) -> MissionItem:
     p1, p2, p3, p4, lat, lon, alt = _params(node)
     frame_node, command = node.get("frame"), node.get("command").whole()
     if not 0 <= command <= 65535:
-        raise FormatError(f"command {command} is not from 0 to 65535", where=f"{node.where}.command")
+        raise FormatError(f"the command must be between 0 and 65535, not {command}", where=f"{node.where}.command")
     try:
         frame = Frame.from_mav_frame(frame_node.whole())
     except FormatError as error:
@@ -201,13 +201,11 @@ def contradictions(node: Node, item: MissionItem) -> list[str]:
         return found
     frame = _MODE_FRAMES.get(mode)
     if frame is not None and item.frame is not frame:
-        found.append(
-            f"{where}: AltitudeMode {mode} is {frame.name}, but its frame is {item.frame.name}; the frame is used"
-        )
+        found.append(f"{where}: AltitudeMode {mode} is {frame.name}, but its frame is {item.frame.name} (used)")
     stated = amsl if mode == _ABOVE_TERRAIN_AS_AMSL else height
     if isinstance(stated, int | float) and not isinstance(stated, bool) and abs(stated - item.alt_m) > 0.01:
         key = "AMSLAltAboveTerrain" if mode == _ABOVE_TERRAIN_AS_AMSL else "Altitude"
-        found.append(f"{where}: {key} is {stated:g}, but params[6] is {item.alt_m:g}; {item.alt_m:g} m is used")
+        found.append(f"{where}: {key} is {stated:g}, but params[6] is {item.alt_m:g}; {item.alt_m:g} m was used")
     return found
 
 
@@ -271,7 +269,7 @@ def _params(node: Node) -> list[float]:
     if len(nodes) == _PARAMS - 3 and "coordinate" in node.value:
         nodes += node.get("coordinate").nodes()
     if len(nodes) != _PARAMS:
-        raise FormatError(f"{len(nodes)} numbers; {_PARAMS} are expected", where=f"{node.where}.params")
+        raise FormatError(f"expected {_PARAMS} numbers, not {len(nodes)}", where=f"{node.where}.params")
     return [math.nan if value.value is None else value.number() for value in nodes]
 
 
@@ -302,6 +300,6 @@ def _is_relative(node: Node) -> bool:
         return node.get("altitudesAreRelative").truth()
     approach, land = node.get("loiterAltitudeRelative").truth(), node.get("landAltitudeRelative").truth()
     if approach != land:
-        what = "approach and landing have heights above different datums"
+        what = "the heights of approach and landing refer to different datums"
         raise FormatError(what, where=node.where, advice="set both above home, or both above sea level")
     return land

@@ -118,9 +118,7 @@ def route_from_stops(
         FormatError: no point, or one that is no place, or a height that is none.
     """
     if not stops:
-        raise FormatError(
-            "the route has no point", where="route", advice="use a file with a route of at least one point"
-        )
+        raise FormatError("the route has no points", where="route", advice="use a route with at least one point")
     for number, stop in enumerate(stops, start=1):
         check_place(stop.lat_deg, stop.lon_deg, f"point {number}")
         if not _LOWEST_M <= stop.alt_m <= _HIGHEST_M:
@@ -165,7 +163,7 @@ def xml_root(text: str) -> tuple[ElementTree.Element, tuple[str, ...]]:
     clean = clean_text(text)
 
     def refuse(*_: object) -> None:
-        raise FormatError("a document type (DOCTYPE)", where="XML", advice="remove it")
+        raise FormatError("the file has a document type (DOCTYPE)", where="XML", advice="remove it")
 
     parser = expat.ParserCreate("utf-8")
     parser.StartDoctypeDeclHandler = refuse
@@ -174,11 +172,15 @@ def xml_root(text: str) -> tuple[ElementTree.Element, tuple[str, ...]]:
         parser.Parse(data, True)
         return ElementTree.fromstring(data), clean.repairs
     except UnicodeEncodeError:
-        raise FormatError("half a character (a lone surrogate)", where="text", advice="save it as UTF-8") from None
+        raise FormatError(
+            "the text contains an incomplete character (a lone surrogate)",
+            where="text",
+            advice="save the file as UTF-8",
+        ) from None
     except expat.ExpatError as error:
-        raise FormatError(f"not XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
+        raise FormatError(f"invalid XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise FormatError(f"not XML: {error}", where="XML") from None
+        raise FormatError(f"invalid XML: {error}", where="XML") from None
 
 
 def local_name(element: ElementTree.Element) -> str:
@@ -199,5 +201,5 @@ def number_in(text: str | None, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise FormatError(f"{(text or 'nothing')[:40]!r} instead of a number", where=where)
+        raise FormatError(f"expected a number, not {(text or 'nothing')[:40]!r}", where=where)
     return value

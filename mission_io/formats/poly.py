@@ -48,7 +48,7 @@ def read_fence(text: str) -> MissionFile:
     """
     places, repairs = _places(text)
     if not places:
-        raise FormatError("the file contains no position", where="line 1", advice="the first line is the return point")
+        raise FormatError("the file contains no positions", where="line 1", advice="begin with the return point")
     ring = open_ring(places[1:], "the fence", repairs)
     return_point = FramedPoint(places[0].lat_deg, places[0].lon_deg, 0.0, Frame.ABOVE_HOME)
     return MissionFile(fence=Fence((FencePolygon(ring),), (), return_point), repairs=tuple(repairs))
@@ -61,9 +61,7 @@ def write_area(area: DrawnArea) -> str:
         FormatError: an area with holes, which the format cannot hold, or an invalid corner.
     """
     if area.holes:
-        raise FormatError(
-            f"the area has {len(area.holes)} holes, which the format does not support", where="area", advice="use KML"
-        )
+        raise FormatError(f".poly does not support holes ({len(area.holes)})", where="area", advice="use KML")
     return _text([*area.exterior, *area.exterior[:1]])
 
 
@@ -80,8 +78,8 @@ def write_fence(fence: Fence) -> str:
         raise FormatError(what, where="fence", advice="write it as .waypoints")
     point, ring = fence.return_point, fence.polygons[0].vertices
     if point.alt_m != 0.0:
-        what = f"the return point is at {point.alt_m:g} m, but the format has no heights"
-        raise FormatError(what, where="return point", advice="set it to 0, or write the fence as .waypoints")
+        what = f"the height is {point.alt_m:g} m, but this format has no heights"
+        raise FormatError(what, where="return point", advice="set the height to 0, or write the fence as .waypoints")
     return _text([LatLon(point.lat_deg, point.lon_deg), *ring, *ring[:1]])
 
 
@@ -109,7 +107,7 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
         try:
             found = words_of(content, 2)
         except FormatError as error:
-            what = error.what.replace("columns; 2 are expected", "numbers; a position has 2")
+            what = error.what.replace("columns; expected 2", "numbers; a position has 2")
             raise FormatError(what, where=where, advice=error.advice or "latitude, then longitude") from None
         if found.changed:
             spaces = " to spaces" if found.changed.endswith("separators") else ""
@@ -120,7 +118,7 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
     return places, repairs
 
 
-_RALLY_ADVICE = "a rally point consists of RALLY and 6 numbers"
+_RALLY_ADVICE = "a rally point must consist of RALLY and 6 numbers"
 
 
 def read_rally(text: str) -> MissionFile:
@@ -138,7 +136,7 @@ def read_rally(text: str) -> MissionFile:
         try:
             found = words_of(content, 7)
         except FormatError as error:
-            what = f"{len(content.split())} columns beginning with {content.split()[0][:20]!r}"
+            what = f"the row has {len(content.split())} columns and begins with {content.split()[0][:20]!r}"
             raise FormatError(what, where=where, advice=error.advice or _RALLY_ADVICE) from None
         word, *columns = found.words
         if word != "RALLY":
@@ -148,6 +146,6 @@ def read_rally(text: str) -> MissionFile:
         lat_deg, lon_deg, alt_m, *dropped = (finite_number(column, where) for column in columns)
         check_place(lat_deg, lon_deg, where)
         if any(dropped):
-            repairs.append(f"{where}: break altitude, landing direction and flags are not kept")
+            repairs.append(f"{where}: break altitude, landing direction and flags were dropped")
         points.append(FramedPoint(lat_deg, lon_deg, alt_m, Frame.ABOVE_HOME))
     return MissionFile(rally=RallyPoints(tuple(points)), repairs=tuple(repairs))

@@ -74,17 +74,19 @@ def text_from_bytes(data: bytes) -> FileText:
             try:
                 clean = clean_text(data.decode(encoding))
             except UnicodeDecodeError:
-                raise FormatError(f"damaged {encoding.upper()} text", where="file", advice="save it as UTF-8") from None
+                raise FormatError(
+                    f"invalid {encoding.upper()}", where="file", advice="save the file as UTF-8"
+                ) from None
             return FileText(clean.text, (f"decoded from {encoding.upper()}", *clean.repairs))
     if b"\0" in data:
         where = f"byte {data.index(0)}"
-        raise FormatError("a zero byte: this is not a text file", where=where, advice="choose a mission file")
+        raise FormatError("the file has a zero byte, so it is not text", where=where, advice="choose a mission file")
     try:
         return clean_text(data.decode("utf-8"))
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         clean = clean_text(data.decode("latin-1"))
-        return FileText(clean.text, (f"line {line}: not UTF-8, the file was read as Latin-1", *clean.repairs))
+        return FileText(clean.text, (f"line {line}: not UTF-8; the file was read as Latin-1", *clean.repairs))
 
 
 def clean_text(text: str) -> FileText:
@@ -121,7 +123,7 @@ def plain_decimal(value: float, where: str) -> str:
 def degrees_text(value_deg: float, where: str) -> str:
     """Degrees with eight decimals, one more than MAVLink carries. Raises FormatError: NaN or infinity."""
     if not math.isfinite(value_deg):
-        raise FormatError(f"{value_deg} is not a coordinate", where=where, advice="use degrees")
+        raise FormatError(f"{value_deg} is not a valid coordinate", where=where, advice="specify degrees")
     text = f"{value_deg:.8f}"
     return "0.00000000" if text == "-0.00000000" else text
 
@@ -145,8 +147,8 @@ def is_place(lat_deg: float, lon_deg: float) -> bool:
 def check_place(lat_deg: float, lon_deg: float, where: str) -> None:
     """Refuse an invalid latitude or longitude. Raises FormatError: with ``where``."""
     if not is_place(lat_deg, lon_deg):
-        advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
-        what = f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a position"
+        advice = "write latitude first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
+        what = f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a valid position"
         raise FormatError(what, where=where, advice=advice)
 
 

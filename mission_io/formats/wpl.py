@@ -97,7 +97,7 @@ def write_mission(mission: Mission) -> str:
         FormatError: no home (the format needs it), or a number that the format cannot hold; with the row.
     """
     if mission.home is None:
-        raise FormatError("the mission has no home", where="row 0", advice="specify the position where it starts")
+        raise FormatError("the mission has no home", where="row 0", advice="specify the start position")
     return _write(mission.home, mission.items)
 
 
@@ -131,10 +131,10 @@ def losses(mission: Mission) -> tuple[str, ...]:
     for meaning, written in _NAN_AS_NUMBER.items():
         if meaning in rows_of:
             rows = list(dict.fromkeys(rows_of[meaning]))
-            found.append(f"row {rows[0]}: {written}, as in {len(rows)} rows")
+            found.append(f"row {rows[0]}: {written} (affected rows: {len(rows)})")
     if rounded:
         count = len(dict.fromkeys(rounded))
-        found.append(f"row {rounded[0]}: degrees are rounded to 8 decimals (0.6 mm), as in {count} rows")
+        found.append(f"row {rounded[0]}: degrees were rounded to 8 decimals (0.6 mm) (affected rows: {count})")
     return tuple(found)
 
 
@@ -206,7 +206,7 @@ def read(text: str) -> WplFile:
         if version == 110 and len(items) == 1 and items[0].command in _HOME_COMMANDS:
             _note_what_home_says(items[0], row, repairs)
     if version is None:
-        raise FormatError("no header", where="line 1", advice=f"a .waypoints file starts with {_HEADER!r}")
+        raise FormatError("the header is missing", where="line 1", advice=f"write {_HEADER!r} as the first line")
     if version == 120:
         return WplFile(version, None, tuple(jumps_moved(items, by=1)), tuple(repairs))
     if not items:
@@ -216,9 +216,7 @@ def read(text: str) -> WplFile:
         repairs.append("the first row is not home, so the mission has no home")
         return WplFile(version, None, tuple(items), tuple(repairs))
     if first.command not in _HOME_COMMANDS:
-        repairs.append(
-            f"the first row is command {first.command} and not home: it is kept as item 1, and the mission has no home"
-        )
+        repairs.append(f"the first row is command {first.command}, not home; it is now item 1, and home is missing")
         return WplFile(version, None, tuple(jumps_moved(items, by=1)), tuple(repairs))
     return WplFile(version, GeoPoint(first.lat_deg, first.lon_deg, first.alt_m), tuple(rest), tuple(repairs))
 
@@ -239,11 +237,11 @@ def _note_what_home_says(item: MissionItem, row: "_Row", repairs: list[str]) -> 
     """List the values of the first row of version 110, which is home, beyond its position: they are not kept."""
     if item.frame is not Frame.AMSL:
         repairs.append(
-            f"line {row.number}: the height of home is read as above sea level, not {item.frame.name}; if it is the first "
-            "waypoint, put a row for home before it"
+            f"line {row.number}: the height of home was read as above sea level, not {item.frame.name}; if this row "
+            "is the first waypoint, insert a row for home before it"
         )
     if any(item.params):
-        repairs.append(f"line {row.number}: the first row is home; its parameters are not kept")
+        repairs.append(f"line {row.number}: the first row is home; its parameters were dropped")
 
 
 _NAMES = (
@@ -266,7 +264,7 @@ class _Row:
         self._whole(1, repairs)
         frame_number, command = self._whole(2, repairs), self._whole(3, repairs)
         if not 0 <= command <= 65535:
-            raise FormatError(f"command {command} is not from 0 to 65535", where=f"line {self.number}")
+            raise FormatError(f"the command must be between 0 and 65535, not {command}", where=f"line {self.number}")
         try:
             frame = Frame.from_mav_frame(frame_number)
         except FormatError as error:
@@ -285,7 +283,7 @@ class _Row:
             try:
                 found = words_of(self._content, _COLUMNS, usual="\t")
             except FormatError as error:
-                what = error.what.replace(f"{_COLUMNS} are expected", f"a row has {_COLUMNS}")
+                what = error.what.replace(f"{_COLUMNS} are expected", f"a row must have {_COLUMNS}")
                 raise FormatError(what, where=where, advice=error.advice) from None
             if found.changed:
                 tabs = " to tabs" if found.changed.endswith("separators") else ""
@@ -313,9 +311,7 @@ class _Row:
         text = self._columns[column]
         if _NAN_PATTERN.fullmatch(text) is None or (column > 7 and not has_no_place(command)):
             return self._number(column)
-        repairs.append(
-            f"line {self.number}: {_NAMES[column]} {text[:12]!r} is not a number; the value is left to the vehicle"
-        )
+        repairs.append(f"line {self.number}: {_NAMES[column]} {text[:12]!r} is not a number; the vehicle chooses it")
         return math.nan if column <= 7 else 0.0
 
     def _number(self, column: int) -> float:
@@ -334,5 +330,5 @@ class _Row:
         if not value.is_integer():
             raise FormatError(f"{text!r} is not a whole number", where=f"{where}, {_NAMES[column]}")
         if not text.lstrip("+-").isdigit():
-            repairs.append(f"{where}: {_NAMES[column]} {text!r} is written as a whole number")
+            repairs.append(f"{where}: {_NAMES[column]} {text!r} was converted to a whole number")
         return int(value)

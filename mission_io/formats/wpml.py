@@ -58,7 +58,7 @@ def read_route(text: str) -> PointRoute:
     folders = [each for each in root.iter() if local_name(each) == "Folder"]
     if config is None or len(folders) != 1:
         what = "the file has no missionConfig" if config is None else f"{len(folders)} waylines"
-        raise FormatError(what, where="waylines.wpml", advice="export one wayline")
+        raise FormatError(what, where="waylines.wpml", advice="export a single wayline")
     folder = folders[0]
     mode = child_text(folder, "executeHeightMode") or ""
     if mode not in _FRAMES:
@@ -74,7 +74,7 @@ def read_route(text: str) -> PointRoute:
         for n, (mark, camera) in enumerate(zip(marks, cameras, strict=True), start=1)
     ]
     curved = sum(child_text(mark, "useStraightLine") == "0" for mark in marks)
-    messages = [*repairs, *([f"{curved} legs are curved; they are read as straight"] if curved else [])]
+    messages = [*repairs, *([f"{curved} curved legs were read as straight"] if curved else [])]
     security, back = child_text(config, "takeOffSecurityHeight"), child_text(config, "globalRTHHeight")
     return route_from_stops(
         stops, end=_end(child_text(config, "finishAction"), stops), repairs=messages,
@@ -88,7 +88,7 @@ def _stop(mark: ElementTree.Element, number: int, frame: Frame, overall: str | N
     point = mark.find("{*}Point")
     numbers = [] if point is None else (child_text(point, "coordinates") or "").split(",")
     if len(numbers) < 2:
-        raise FormatError("the point has no longitude,latitude", where=where)
+        raise FormatError("the point has no longitude and latitude", where=where)
     lon, lat = (number_in(part, where) for part in numbers[:2])
     speed = child_text(mark, "waypointSpeed") or overall
     return RouteStop(
@@ -253,23 +253,26 @@ def write_kmz(
 
 def _check(flight: CameraFlight, aircraft: DjiAircraft, return_height_m: float) -> None:
     if len(flight.points) > MOST_POINTS:
-        raise FormatError(f"{len(flight.points)} points; the limit of WPML is {MOST_POINTS}", where="flight")
+        raise FormatError(f"{len(flight.points)} points exceed the WPML limit of {MOST_POINTS}", where="flight")
     low_m, high_m = _SECURITY_HEIGHTS_M
     climb_m = flight.points[0].height_above_home_m
     if not low_m <= climb_m <= high_m:
-        what = f"the climb ends {climb_m:g} m above home; WPML accepts {low_m:g} to {high_m:g}"
+        what = f"the climb ends {climb_m:g} m above home, but WPML accepts {low_m:g} to {high_m:g} m"
         raise FormatError(what, where="point 1", advice="change vehicle.takeoff_height_m, or move home")
     if not 0.0 < return_height_m <= high_m:
-        what = f"{return_height_m:g} m above home; the limit of WPML is {high_m:g}"
+        what = f"{return_height_m:g} m above home exceeds the WPML limit of {high_m:g} m"
         raise FormatError(what, where="return height", advice="move home")
     low_deg, high_deg = aircraft.pitch_range_deg
     for number, point in enumerate(flight.points, start=1):
         where = f"point {number}"
         if not 0.0 < point.speed_m_s <= aircraft.max_speed_m_s:
-            what = f"{point.speed_m_s:g} m/s; the {aircraft.title} flies at most {aircraft.max_speed_m_s:g}"
+            what = (
+                f"the speed is {point.speed_m_s:g} m/s, but the {aircraft.title} flies at most "
+                f"{aircraft.max_speed_m_s:g} m/s"
+            )
             raise FormatError(what, where=where, advice="plan with a lower vehicle.cruise_speed_m_s")
         if point.pitch_deg is not None and not low_deg <= point.pitch_deg <= high_deg:
-            what = f"the camera pitch is {point.pitch_deg:g} degrees; the {aircraft.title} allows {low_deg:g} to {high_deg:g}"
+            what = f"camera pitch {point.pitch_deg:g} degrees; the {aircraft.title} allows {low_deg:g} to {high_deg:g}"
             raise FormatError(what, where=where, advice="plan with another sensor.pitch_deg")
 
 

@@ -58,13 +58,13 @@ def parse_url(url: str, *, registered: frozenset[str]) -> LinkUrl:
         return _serial(url, rest)
     if not colon or scheme not in _SCHEMES:
         known = ", ".join([LINK_FORMS, *(f"{name}:" for name in sorted(registered))])
-        raise MisuseError(f"{url!r} is not a link; use {known}")
+        raise MisuseError(f"{url!r} is not a valid link; use {known}")
     host, _, port_text = rest.rpartition(":")
     if not (port_text.isascii() and port_text.isdigit() and int(port_text) <= 65535):
-        raise MisuseError(f"{url!r} has no port from 0 to 65535 after its last colon")
+        raise MisuseError(f"{url!r} does not end in a colon and a port from 0 to 65535")
     port = int(port_text)
     if port == 0 and scheme in _OUTWARD:
-        raise MisuseError(f"{url!r}: nothing can be sent to port 0")
+        raise MisuseError(f"{url!r}: sending to port 0 is not possible; specify another port")
     return LinkUrl(_SCHEMES[scheme], host.strip("[]") or DEFAULT_HOST, port)
 
 
@@ -75,7 +75,7 @@ def _serial(url: str, rest: str) -> LinkUrl:
         raise MisuseError(f"{url!r} names no device; write serial:///dev/ttyUSB0:57600 or /dev/ttyUSB0,57600")
     baud = int(match["baud"]) if match["baud"] else DEFAULT_BAUD
     if not 0 < baud <= _LARGEST_BAUD:
-        raise MisuseError(f"{url!r}: {baud} is not a baud rate; 57600 and 115200 are usual")
+        raise MisuseError(f"{url!r}: {baud} is not a valid baud rate; common rates are 57600 and 115200")
     return LinkUrl("serial", rest=match["device"], baud=baud)
 
 

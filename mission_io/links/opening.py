@@ -85,11 +85,11 @@ def open_link(url: str, *, schemes: Mapping[str, EndpointFactory] = MappingProxy
 
 
 _ADVICE = {
-    errno.ENOENT: "is it plugged in?",
-    errno.EACCES: "does this user have access to serial ports (often the group dialout)?",
-    errno.EPERM: "does this user have access to serial ports (often the group dialout)?",
-    errno.EAGAIN: "another program has it open",
-    errno.EBUSY: "another program has it open",
+    errno.ENOENT: "is the device connected?",
+    errno.EACCES: "does this user have access to serial ports (often through the group dialout)?",
+    errno.EPERM: "does this user have access to serial ports (often through the group dialout)?",
+    errno.EAGAIN: "another program uses the device",
+    errno.EBUSY: "another program uses the device",
 }
 
 
@@ -100,7 +100,7 @@ class SerialChannel(OpenChannel):
     nothing, and its ``read`` discards data when the port disappears.
     """
 
-    end = "the device is gone"
+    end = "the device was disconnected"
 
     def __init__(self, port: Any, name: str) -> None:
         super().__init__(name)
@@ -145,6 +145,6 @@ def _pyserial() -> ModuleType:
     try:
         import serial
     except ImportError:
-        raise MisuseError("serial links need pyserial: pip install pyserial") from None
+        raise MisuseError("serial links require pyserial; install it with: pip install pyserial") from None
     module: ModuleType = serial
     return module

@@ -45,7 +45,10 @@ class SharedLink:
         """
         with self._lock:
             if system_id not in self._systems:
-                raise MisuseError(f"system {system_id} has no share; those of {sorted(self._systems)} have one")
+                raise MisuseError(
+                    f"system {system_id} has no share of this link; the systems with a share are "
+                    f"{sorted(self._systems)}"
+                )
             if system_id in self._shares:
                 raise MisuseError(f"the share of system {system_id} is in use")
             if self._link is None:
@@ -185,7 +188,7 @@ class LinkShare:
             self._waiting.popleft()
             self.dropped += 1
             if self.dropped == 1:
-                _log.warning("no client reads the datagrams of system %d; its oldest ones are dropped", self._system_id)
+                _log.warning("no client reads the datagrams of system %d; dropping the oldest ones", self._system_id)
         self._waiting.append(ours)
 
     def _require_open(self) -> None:

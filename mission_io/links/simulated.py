@@ -74,11 +74,11 @@ class Conditions:
         """Refuse what is no fraction or no time."""
         for name in ("loss", "duplication", "corruption"):
             if not 0.0 <= getattr(self, name) <= 1.0:
-                raise MisuseError(f"{name} is {getattr(self, name)}; it must be between 0 and 1")
+                raise MisuseError(f"{name} must be between 0 and 1, not {getattr(self, name)}")
         if not (self.delay_s >= 0.0 and self.jitter_s >= 0.0):
-            raise MisuseError(f"delay {self.delay_s} s and jitter {self.jitter_s} s must not be negative")
+            raise MisuseError(f"delay and jitter must not be negative, but are {self.delay_s} s and {self.jitter_s} s")
         if not (self.bytes_per_s > 0.0 and self.queue_bytes > 0.0):
-            raise MisuseError(f"bytes_per_s {self.bytes_per_s} and queue_bytes {self.queue_bytes} must be above 0")
+            raise MisuseError(f"bytes_per_s and queue_bytes must be > 0, not {self.bytes_per_s} and {self.queue_bytes}")
 
 
 class _Direction:
@@ -319,4 +319,4 @@ def link_preset(name: str) -> LinkPreset:
     try:
         return LINK_PRESETS[name]
     except KeyError:
-        raise MisuseError(f"{name!r} is not a kind of link; use one of {', '.join(LINK_PRESETS)}") from None
+        raise MisuseError(f"unknown type of link {name!r}; use one of {', '.join(LINK_PRESETS)}") from None

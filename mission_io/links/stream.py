@@ -72,7 +72,7 @@ class OpenChannel(ABC):
         if self.fileno() < 0:
             return LinkError(f"the link to {self.name} is closed")
         self.close()
-        return LinkError(f"{self.name} is gone: {why}; open the link again when it is back")
+        return LinkError(f"the connection to {self.name} was lost: {why}; open the link again when it is available")
 
 
 class FramedChannel:

@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 class TcpChannel(OpenChannel):
     """One TCP connection, without waiting."""
 
-    end = "it closed the connection"
+    end = "the other side closed the connection"
 
     def __init__(self, sock: socket.socket, name: str) -> None:
         sock.setblocking(False)
@@ -55,7 +55,9 @@ def connect_tcp(host: str, port: int, *, timeout_s: float = CONNECT_TIMEOUT_S) -
         sock = socket.create_connection((host, port), timeout=timeout_s)
     except (OSError, UnicodeError) as error:
         why = getattr(error, "strerror", None) or str(error)
-        raise LinkError(f"cannot connect to TCP {host}:{port}: {why}; is it on and listening there?") from None
+        raise LinkError(
+            f"cannot connect to TCP {host}:{port}: {why}; is the vehicle switched on and listening at this address?"
+        ) from None
     return ChannelLink(TcpChannel(sock, f"TCP {host}:{port}"))
 
 
@@ -78,7 +80,7 @@ class TcpListeningLink(Closing):
             self._listener.listen(MOST_PEERS)
         except OSError as error:
             self._listener.close()
-            raise LinkError(f"cannot listen on TCP {host}:{port}: {error.strerror}; is the port taken?") from None
+            raise LinkError(f"cannot listen on TCP {host}:{port}: {error.strerror}; is the port in use?") from None
         self._listener.setblocking(False)
         self._clock = MonotonicClock()
         self._peers: dict[int, FramedChannel] = {}
@@ -158,7 +160,7 @@ class TcpListeningLink(Closing):
             return  # it has gone again already
         channel = TcpChannel(sock, f"TCP {address[0]}:{address[1]}")
         if len(self._peers) >= MOST_PEERS:
-            _log.warning("%s is rejected: %d are connected", channel.name, MOST_PEERS)
+            _log.warning("rejected %s, because %d clients are already connected", channel.name, MOST_PEERS)
             channel.close()
             return
         _log.info("%s has connected", channel.name)

@@ -117,7 +117,7 @@ class UdpLink(Closing):
             sock.bind(address)
         except OSError as error:
             sock.close()
-            raise LinkError(f"cannot listen on UDP {host}:{port}: {error.strerror}; is the port taken?") from None
+            raise LinkError(f"cannot listen on UDP {host}:{port}: {error.strerror}; is the port in use?") from None
         return cls(sock, None, clock=clock)
 
     @classmethod
@@ -227,7 +227,7 @@ class UdpLink(Closing):
             except (ConnectionRefusedError, BlockingIOError):
                 continue  # an earlier datagram found no listener
             except (OSError, ValueError) as error:
-                raise LinkError(f"cannot receive: {error}") from None
+                raise LinkError(f"cannot receive datagrams: {error}") from None
             return data, (address[0], address[1])
 
     def close(self) -> None:

@@ -74,14 +74,14 @@ def items_from_fence(fence: Fence) -> tuple[MissionItem, ...]:
     for number, polygon in enumerate(fence.polygons):
         size = len(polygon.vertices)
         if size < 3:
-            raise FormatError(f"{size} vertices; a polygon needs at least 3", where=f"fence polygon {number}")
+            raise FormatError(f"the polygon has {size} vertices, but needs at least 3", where=f"fence polygon {number}")
         items.extend(
             MissionItem(_VERTEX[polygon.inclusion], Frame.AMSL, (float(size), 0.0, 0.0, 0.0), v.lat_deg, v.lon_deg)
             for v in polygon.vertices
         )
     for number, circle in enumerate(fence.circles):
         if not circle.radius_m > 0:
-            raise FormatError(f"radius {circle.radius_m} m is not above 0", where=f"fence circle {number}")
+            raise FormatError(f"the radius must be above 0, not {circle.radius_m} m", where=f"fence circle {number}")
         params = (circle.radius_m, 0.0, 0.0, 0.0)
         center = circle.center
         items.append(MissionItem(_CIRCLE[circle.inclusion], Frame.AMSL, params, center.lat_deg, center.lon_deg))
@@ -105,7 +105,7 @@ def fence_from_items(items: Iterable[MissionItem]) -> Fence:
     for number, item in enumerate(items):
         where = f"fence item {number}"
         if ring and (item.command, item.params[0]) != (ring_command, ring_size):
-            raise FormatError(f"the polygon before it has {len(ring)} of its {ring_size:g} vertices", where=where)
+            raise FormatError(f"the preceding polygon has only {len(ring)} of its {ring_size:g} vertices", where=where)
         if item.command in _VERTEX_COMMANDS:
             ring_command, ring_size = item.command, _ring_size(item, where)
             ring.append(LatLon(item.lat_deg, item.lon_deg))
@@ -114,17 +114,17 @@ def fence_from_items(items: Iterable[MissionItem]) -> Fence:
                 ring = []
         elif item.command in _CIRCLE_COMMANDS:
             if not item.params[0] > 0:
-                raise FormatError(f"radius {item.params[0]} m is not above 0", where=where)
+                raise FormatError(f"the radius must be above 0, not {item.params[0]} m", where=where)
             center = LatLon(item.lat_deg, item.lon_deg)
             circles.append(FenceCircle(center, item.params[0], _CIRCLE_COMMANDS[item.command]))
         elif item.command == Command.NAV_FENCE_RETURN_POINT:
             if return_point is not None:
-                raise FormatError("this is a second return point", where=where, advice="keep only one")
+                raise FormatError("this is a second return point", where=where, advice="keep only one of them")
             return_point = _point_from_item(item)
         else:
             raise FormatError(f"command {item.command} is not a fence item", where=where, advice="use 5000 to 5004")
     if ring:
-        raise FormatError(f"the last polygon has {len(ring)} of its {ring_size} vertices", where="fence")
+        raise FormatError(f"the last polygon has only {len(ring)} of its {ring_size} vertices", where="fence")
     return Fence(tuple(polygons), tuple(circles), return_point)
 
 
@@ -150,7 +150,7 @@ def rally_from_items(items: Iterable[MissionItem]) -> RallyPoints:
 def _ring_size(item: MissionItem, where: str) -> int:
     size = item.params[0]
     if not (3 <= size <= 65535 and size == int(size)):
-        raise FormatError(f"the polygon has {size:g} vertices", where=where, advice="a polygon needs 3 or more")
+        raise FormatError(f"the polygon has {size:g} vertices", where=where, advice="a polygon needs at least 3")
     return int(size)
 
 

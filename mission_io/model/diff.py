@@ -65,7 +65,7 @@ def apply_diff(change: MissionDiff, mission: Mission) -> Mission:
     else:
         if _home_bits(mission.home) != _home_bits(change.home[0]):
             raise MisuseError(
-                "the change was made for a mission with a different home; create it again from this mission"
+                "the change belongs to a mission with a different home; create it again from this mission"
             )
         home = change.home[1]
     return Mission(home, apply_edits(change.edits, mission.items))

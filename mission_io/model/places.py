@@ -54,7 +54,7 @@ def doubts_about_fence(fence: Fence) -> tuple[str, ...]:
     allowed = [inside for inclusion, inside in (*polygons, *circles) if inclusion]
     where = f"the return point, latitude {point.lat_deg:.6f}, longitude {point.lon_deg:.6f}, is"
     if allowed and not any(allowed):
-        return (f"{where} outside the fence: a vehicle that flies there after a breach leaves it again",)
+        return (f"{where} outside the fence, so a vehicle that flies there after a breach leaves the fence again",)
     if any(inside for inclusion, inside in (*polygons, *circles) if not inclusion):
         return (f"{where} in an area that the fence excludes",)
     return ()
@@ -104,12 +104,12 @@ def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) 
     if far:
         number, distance_m = max(far, key=lambda entry: entry[1])
         what = (
-            "latitude and longitude are swapped"
+            "latitude and longitude seem to be swapped"
             if swapped == len(far)
-            else "does the route or home belong to another place?"
+            else "do the route and home belong to different locations?"
         )
         rank = f"the farthest of {len(far)} beyond {far_from_home_m / 1000.0:.0f} km"
-        doubts.append(f"item {number}: {distance_m / 1000.0:.0f} km from home, {rank}; {what}")
+        doubts.append(f"item {number}: {distance_m / 1000.0:.0f} km from home ({rank}); {what}")
     return tuple(doubts)
 
 

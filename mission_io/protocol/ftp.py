@@ -78,7 +78,7 @@ class FtpMessage:
             MisuseError: more data than there is room for, or a number that does not fit.
         """
         if len(self.data) > DATA_BYTES:
-            raise MisuseError(f"{len(self.data)} bytes of data; the limit of MAVLink FTP is {DATA_BYTES}")
+            raise MisuseError(f"{len(self.data)} bytes of data exceed the MAVLink FTP limit of {DATA_BYTES}")
         size = len(self.data) if self.size is None else self.size
         try:
             head = _HEAD.pack(
@@ -94,7 +94,7 @@ class FtpMessage:
         seq, session, operation, size, answers, complete, offset = _HEAD.unpack(payload[: _HEAD.size])
         data = payload[_HEAD.size :]
         if size > DATA_BYTES:
-            raise FormatError(f"an FTP payload announces {size} bytes of data; the limit is {DATA_BYTES}")
+            raise FormatError(f"an FTP payload announces {size} bytes of data, but the limit is {DATA_BYTES}")
         return cls(seq, operation, session, offset, data[:size], size, answers, bool(complete))
 
     @classmethod
@@ -132,7 +132,7 @@ def path_bytes(path: str) -> bytes:
     """A path for the wire. Raises MisuseError: it is empty, too long, or holds what a path cannot hold."""
     data = path.encode("utf-8")
     if not data or len(data) >= DATA_BYTES or b"\0" in data:
-        raise MisuseError(f"{path!r} is not a path for a vehicle; use 1 to {DATA_BYTES - 1} bytes without a zero byte")
+        raise MisuseError(f"{path!r} is not a vehicle path; use 1 to {DATA_BYTES - 1} bytes without a zero byte")
     return data
 
 
@@ -278,7 +278,7 @@ class FtpState(Enum):
     CHECKING = "comparing the CRC"
     DONE = "done"
     REFUSED = "refused"
-    DIFFERS = "arrived with a different CRC"
+    DIFFERS = "the data arrived with a different CRC"
     SILENT = "silent"
 
 

@@ -39,7 +39,7 @@ class FtpDownload(FtpTransfer):
         resume: A download of the same path that gave up: what it has is not read again while the announced size is the same.
     """
 
-    silence = "nothing new"
+    silence = "no new data"
 
     def __init__(
         self, path: str, *, now: float, window: int = 5, silent_s: float = 30.0, most_bytes: int = MOST_BYTES,
@@ -114,13 +114,13 @@ class FtpDownload(FtpTransfer):
             self._refuse(f"{operation.name}: an answer of {len(answer.data)} bytes instead of 4")
         elif operation is not FtpOperation.CALC_FILE_CRC32:
             self._begin(answer.session, number, now)
-        elif not self._ends_equal(crc32(self.content), number, "; it may be changing"):
+        elif not self._ends_equal(crc32(self.content), number, "; the file may be changing"):
             self._forget()
             self._close(FtpState.OPENING)
 
     def _begin(self, session: int, size: int, now: float) -> None:
         if size > self.most_bytes:
-            self._refuse(f"the vehicle announces {size} bytes, more than the limit of {self.most_bytes}")
+            self._refuse(f"the vehicle announces {size} bytes, but the limit is {self.most_bytes}")
             return
         if size != self._size:
             self._forget()
@@ -195,7 +195,7 @@ class FtpDownload(FtpTransfer):
         if offset % DATA_BYTES or not data or piece in self._pieces:
             return
         if self._end is not None and offset + len(data) > self._end:
-            self._fail(f"there is data at byte {offset}, beyond the end at byte {self._end}")
+            self._fail(f"the vehicle sent data at byte {offset}, beyond the end at byte {self._end}")
             if self._end % DATA_BYTES:
                 self.across_bytes -= len(self._pieces.pop(self._end // DATA_BYTES, b""))
             self._end = None
@@ -320,7 +320,7 @@ class FtpListing(FtpTransfer):
         again = next((entry.name for entry in page if entry.name in self._entries), None)
         self._entries |= {entry.name: entry for entry in page}
         if again is not None:
-            self._refuse(f"the vehicle lists {again!r} repeatedly, or the folder is changing")
+            self._refuse(f"the vehicle lists {again!r} repeatedly; the folder may be changing")
         elif self._offset > FILES.most_entries:
             self._refuse(f"the vehicle lists more than {FILES.most_entries} entries")
         else:
@@ -332,5 +332,5 @@ def _entry(line: bytes) -> FtpEntry:
     text = line.decode("utf-8", errors="backslashreplace")
     kind, (name, _, size) = text[0], text[1:].partition("\t")
     if kind not in "DF" or not name or not ((size.isascii() and size.isdigit()) or not size):
-        raise FormatError(f"{text!r} is not an entry of a folder")
+        raise FormatError(f"{text!r} is not a valid folder entry")
     return FtpEntry(name, int(size) if size and kind == "F" else None, kind == "D")

@@ -84,7 +84,7 @@ def float_of_value(value: float, param_type: int, *, bytewise: bool, name: str) 
     whole = _whole(value, param_type, name)
     letter = _LETTERS[ParamType(param_type)]
     if struct.calcsize(letter) > _WORD_BYTES:
-        raise MisuseError(f"{name} has 64 bits; PARAM_SET supports 32")
+        raise MisuseError(f"{name} has 64 bits, but PARAM_SET supports only 32")
     if not bytewise:
         if float32(float(whole)) != whole:
             raise MisuseError(f"{name} = {whole} does not fit in a 32-bit float; use a number below 2**24")
@@ -93,7 +93,7 @@ def float_of_value(value: float, param_type: int, *, bytewise: bool, name: str) 
     fill = b"\xff" if whole < 0 else b"\0"
     (wire,) = struct.unpack("<f", packed + fill * (_WORD_BYTES - len(packed)))
     if struct.pack("<f", wire)[: len(packed)] != packed:
-        raise MisuseError(f"{name} = {whole} cannot be sent: its bits are a signalling NaN")
+        raise MisuseError(f"{name} = {whole} cannot be sent, because its bits form a signalling NaN")
     return float(wire)
 
 
@@ -111,9 +111,9 @@ def bytes_of_value(value: Value, param_type: int, *, name: str) -> bytes:
     letter = _LETTERS.get(_known(param_type))
     if letter is None or isinstance(value, bytes):
         if letter is not None or not isinstance(value, bytes):
-            raise MisuseError(f"{name}: bytes are only for parameters of type CUSTOM")
+            raise MisuseError(f"{name}: only parameters of type CUSTOM accept bytes")
         if len(value) > _EXT_BYTES:
-            raise MisuseError(f"{name} has {len(value)} bytes; the limit is {_EXT_BYTES}")
+            raise MisuseError(f"{name} has {len(value)} bytes, but the limit is {_EXT_BYTES}")
         return value.ljust(_EXT_BYTES, b"\0")
     if letter in "fd":
         number: float = float32(value) if letter == "f" else value

@@ -88,7 +88,7 @@ class MissionServer:
         """
         items = tuple(items)
         if len(items) > self.capacity:
-            raise MisuseError(f"{len(items)} items; the limit of this vehicle is {self.capacity}")
+            raise MisuseError(f"the list has {len(items)} items, but this vehicle stores at most {self.capacity}")
         self._lists[mission_type] = items
         if uploaded:
             self._changed(mission_type, "uploaded")

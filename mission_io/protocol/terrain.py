@@ -51,7 +51,7 @@ class TerrainAnswers:
         self, heights_amsl_m: Heights, *, parts_per_s: float = 35.0, say: Callable[[str], None] | None = None
     ) -> None:
         if not 0.0 < parts_per_s < math.inf:
-            raise MisuseError(f"parts_per_s is {parts_per_s}; it must be above 0")
+            raise MisuseError(f"parts_per_s must be greater than 0, not {parts_per_s}")
         self._heights, self._interval_s = heights_amsl_m, 1.0 / parts_per_s
         self._say = say
         self._due_s = -math.inf
@@ -141,9 +141,9 @@ class TerrainAnswers:
         if lacking:
             self._count_and_tell(
                 "blocks_incomplete",
-                f"no elevation data for {lacking} of the {PART_COUNT} parts of the terrain block that begins at latitude "
-                f"{key[0]:.5f}, longitude {key[1]:.5f} ({key[2]} m between its heights): they are not sent, and the vehicle "
-                "keeps waiting for them",
+                f"no elevation data for {lacking} of the {PART_COUNT} parts of the terrain block that begins at "
+                f"latitude {key[0]:.5f}, longitude {key[1]:.5f} (grid spacing {key[2]} m), so they are not sent, and "
+                "the vehicle keeps waiting for them",
             )
 
     def _count_and_tell(self, kind: str, text: str) -> None:

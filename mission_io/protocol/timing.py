@@ -152,13 +152,13 @@ class Timing:
             "doubt_s", "recheck_s", "linger_s",
         ):  # fmt: skip
             if not 0.0 < getattr(self, name) < math.inf:
-                raise MisuseError(f"Timing.{name} is {getattr(self, name)}; it must be a positive number of seconds")
+                raise MisuseError(f"Timing.{name} must be a positive number of seconds, not {getattr(self, name)}")
         if not (self.resend_growth >= 1.0 and self.resend_longest_s >= max(self.resend_s, self.resend_shortest_s)):
             raise MisuseError(
                 "Timing: resend_growth must be at least 1, and resend_longest_s at least resend_s and resend_shortest_s"
             )
         if self.items_ahead < 0:
-            raise MisuseError(f"Timing.items_ahead is {self.items_ahead}; it must be 0 or more")
+            raise MisuseError(f"Timing.items_ahead must be 0 or more, not {self.items_ahead}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +200,7 @@ class RateLimit:
 
     def __init__(self, *, per_s: float) -> None:
         if not per_s >= 1.0:
-            raise MisuseError(f"per_s is {per_s}; it must be 1 or more")
+            raise MisuseError(f"per_s must be 1 or more, not {per_s}")
         self._per_s = self._left = per_s
         self._at: float | None = None
 

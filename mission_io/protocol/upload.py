@@ -59,11 +59,11 @@ class Upload(Exchange[UploadState, UploadEvent]):
     ) -> None:
         super().__init__(UploadState.ANNOUNCED, **options)
         if len(items) > 65535:
-            raise MisuseError(f"{len(items)} items; MAVLink counts them in 16 bits")
+            raise MisuseError(f"the list has {len(items)} items, but MAVLink supports at most 65535")
         if first is not None and (first < 0 or not items or first + len(items) > _LARGEST_PART):
             raise MisuseError(
-                f"a part of {len(items)} items from {first} on; a part must have at least one item and end at "
-                f"{_LARGEST_PART - 1} or before"
+                f"a part must have at least one item and end at item {_LARGEST_PART - 1} or before, but this one has "
+                f"{len(items)} items from {first}"
             )
         self._is_part, self._first = first is not None, first or 0
         self._items = [

@@ -26,7 +26,7 @@ def message_id(kind: type[Any]) -> int:
 _REMEMBERED = 200
 """Number of own frames recognised when they come back; fewer than there are sequence numbers."""
 
-_USE_2 = "the peer uses MAVLink 1: switch its link to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
+_USE_2 = "the peer uses MAVLink 1; switch its link to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
 _WHAT_IS_NEW = {"mission_type": "fences and rally points"}
 
 
@@ -70,7 +70,7 @@ class LinkStatistics:
 
     def __str__(self) -> str:
         shown = [f"{count} {name.replace('_', ' ')}" for name, count in self.as_json().items() if count]
-        return ", ".join(shown) or "the link carried no data"
+        return ", ".join(shown) or "no data arrived on the link"
 
 
 class SequenceCounter:
@@ -132,7 +132,7 @@ class Codec:
     def __init__(self, *, system_id: int, component_id: int, signing: Signing | None = None) -> None:
         for name, value in (("system_id", system_id), ("component_id", component_id)):
             if not 1 <= value <= 255:
-                raise MisuseError(f"{name} is {value}; MAVLink allows 1 to 255")
+                raise MisuseError(f"{name} must be between 1 and 255, not {value}")
         self.system_id, self.component_id = system_id, component_id
         self.signing = signing
         self.version = 2

@@ -247,7 +247,7 @@ def mavlink2_frame(
 def mavlink1_frame(message_id: int, payload: bytes, *, seq: int, system_id: int, component_id: int) -> bytes:
     """A MAVLink 1 frame. Raises MisuseError: the message came with MAVLink 2: its number is above 255."""
     if message_id > 255:
-        raise MisuseError(f"message {message_id} does not exist in MAVLink 1, which ends at 255")
+        raise MisuseError(f"message {message_id} does not exist in MAVLink 1, whose message IDs end at 255")
     header = bytes([_MAGIC_1, len(payload), seq, system_id, component_id, message_id])
     return _with_checksum(header + payload, message_id)
 

@@ -83,7 +83,7 @@ def _array(name: str, wire: str, per_unit: float = 1.0, *, unknown: int | None =
     one = _scaled(name, wire, per_unit, unknown=unknown)
     decode, encode = one.decode, one.encode
     if decode is None or encode is None:
-        raise MisuseError(f"{name}: a scaled field converts both ways")
+        raise MisuseError(f"{name}: a scaled field requires conversions in both directions")
     return FieldRow(
         name, (wire,), lambda values: tuple(decode(v) for v in values), lambda values: tuple(encode(v) for v in values)
     )
@@ -95,7 +95,7 @@ def _text(name: str, wire: str, size: int) -> FieldRow:
     def encode(value: str) -> bytes:
         data = value.encode("ascii", errors="replace")
         if len(data) > size:
-            raise MisuseError(f"{name} has {len(data)} bytes; the limit of MAVLink is {size}: {value!r}")
+            raise MisuseError(f"{name} has {len(data)} bytes, but the limit of MAVLink is {size}: {value!r}")
         return data
 
     def decode(value: bytes) -> str:

@@ -37,10 +37,10 @@ def read_private(path: Path, *, what: str, largest: int) -> bytes:
     try:
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
-            raise MisuseError(f"cannot read the {what} {path}: it is not a file")
+            raise MisuseError(f"cannot read the {what} {path}: this is not a file")
         mode = stat.S_IMODE(status.st_mode)
         if mode & 0o077:
-            raise MisuseError(f"others may read or write the {what} {path} (mode {mode:03o}); run: chmod 600 {path}")
+            raise MisuseError(f"other users can access the {what} {path} (mode {mode:03o}); run: chmod 600 {path}")
         content = os.read(handle, largest + 1)
     finally:
         os.close(handle)
@@ -99,7 +99,7 @@ class TimestampFile:
         try:
             import fcntl
         except ImportError:  # Windows
-            raise MisuseError("signing needs file locks, which this system does not provide") from None
+            raise MisuseError("signing requires file locks, which this system does not provide") from None
         try:
             handle = os.open(self._key_path, os.O_RDONLY)
         except OSError as error:
@@ -123,7 +123,7 @@ class TimestampFile:
             if temporary is not None:
                 Path(temporary).unlink(missing_ok=True)
             raise LinkError(
-                f"cannot write the signing timestamp {self.path}: {error.strerror}; signing must remember it"
+                f"cannot write the signing timestamp {self.path}: {error.strerror}; signing requires a saved timestamp"
             ) from None
 
 
@@ -244,7 +244,7 @@ class Signing:
 
     def __init__(self, key: SigningKey, *, clock: UnixClock, store: TimestampStore, link_id: int = 0) -> None:
         if not 0 <= link_id <= 255:
-            raise MisuseError(f"link_id is {link_id}; MAVLink allows 0 to 255")
+            raise MisuseError(f"link_id must be between 0 and 255, not {link_id}")
         self._secret, self._clock, self._store = key.secret, clock, store
         self._link_id = link_id
         self._used = self._reserved = store.read()
@@ -258,7 +258,7 @@ class Signing:
         """
         self._used = max(self._used + 1, self._now())
         if self._used > _LATEST:
-            raise MisuseError("the signing timestamps of this key are used up; create a new key for both ends")
+            raise MisuseError("no signing timestamps are left for this key; create a new key for both ends")
         if self._used > self._reserved:
             self._reserved = min(self._used + _RESERVED_TICKS, _LATEST)
             self._store.raise_to(self._reserved)
@@ -305,19 +305,16 @@ def _secret_in(content: bytes, path: Path) -> bytes:
         if len(content) == _KEY_SIZE:
             return content
         raise MisuseError(
-            f"{path}: the file has neither {_KEY_SIZE} bytes, nor {2 * _KEY_SIZE} hexadecimal digits, nor one line "
-            "with a passphrase"
+            f"{path}: it must have {_KEY_SIZE} bytes, {2 * _KEY_SIZE} hexadecimal digits, or a passphrase"
         )
     line = text.rstrip("\r\n")
     if len(content) == _KEY_SIZE:
         raise MisuseError(
-            f"{path}: {_KEY_SIZE} letters may be a key or a passphrase; end a passphrase with a new line, or write the "
-            f"key as {2 * _KEY_SIZE} hexadecimal digits"
+            f"{path}: {_KEY_SIZE} letters can be a key or a passphrase; end a passphrase with a line break, or write "
+            f"the key as {2 * _KEY_SIZE} hexadecimal digits"
         )
     if len(line) == 2 * _KEY_SIZE and all(letter in "0123456789abcdefABCDEF" for letter in line):
         return bytes.fromhex(line)
     if not line:
-        raise MisuseError(
-            f"{path}: the file is empty; write a passphrase or {2 * _KEY_SIZE} hexadecimal digits into it"
-        )
+        raise MisuseError(f"{path}: the file is empty; write a passphrase or {2 * _KEY_SIZE} hexadecimal digits to it")
     return SigningKey.from_passphrase(line).secret

@@ -153,7 +153,9 @@ def test_cancelling_while_the_upload_is_read_back_says_that_it_was_not_compared(
     cause = cancelled(Gate(), MissionRequestInt, nth, lambda client: client.upload_and_verify(MISSION))
     assert isinstance(cause, TransferCancelledError)
     assert cause.vehicle_holds == "unknown"
-    assert str(cause).startswith("the mission was uploaded but not compared: download of the mission: ")
+    assert str(cause).startswith(
+        "the mission was uploaded, but could not be read back and compared: download of the mission: "
+    )
 
 
 @pytest.mark.parametrize("nth", [1, 2, 5])

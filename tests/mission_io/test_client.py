@@ -94,7 +94,7 @@ def test_no_vehicle_is_an_error_that_says_so_in_time() -> None:
 def test_another_system_is_not_the_one_that_was_asked_for() -> None:
     client = connected(VehiclePeer())
     with pytest.raises(
-        VehicleSilentError, match=r"system id 7 sent a heartbeat within 3 s; received heartbeats of \[1\]"
+        VehicleSilentError, match=r"system ID 7 sent a heartbeat within 3 s; received heartbeats from \[1\]"
     ):
         client.wait_for_vehicle(3.0, system_id=7)
     with pytest.raises(MisuseError, match="wait_for_vehicle first"):
@@ -264,7 +264,7 @@ def test_a_mission_too_long_for_the_vehicle_is_not_sent(size_kb: float | None, l
     peer = WithCard(size_kb=size_kb)
     client = connected(peer)
     begun_at = client.clock.now()
-    with pytest.raises(MisuseError, match=f"the list: 700 items, but the limit of ArduPilot is {limit}; split"):
+    with pytest.raises(MisuseError, match=f"the list: 700 items exceed the ArduPilot limit of {limit}; split"):
         client.upload_and_verify(_long_mission(699))
     assert client.clock.now() - begun_at < 3.5
     assert not [r for r in peer.heard if isinstance(r.message, m.MissionCount)]

@@ -194,7 +194,7 @@ def test_what_does_not_fit_is_refused_by_name(message: m.Message, what: str) -> 
 
 @pytest.mark.parametrize("bad", [0, 256])
 def test_ids_are_bytes(bad: int) -> None:
-    with pytest.raises(MisuseError, match="1 to 255"):
+    with pytest.raises(MisuseError, match="must be between 1 and 255"):
         Codec(system_id=bad, component_id=1)
 
 

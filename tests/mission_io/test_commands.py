@@ -151,5 +151,5 @@ def test_parameters_are_read_and_set() -> None:
     client: Client = connected(Obeys(), conditions=Conditions(loss=0.2), seed=random.Random(1).randrange(100))
     assert client.read_parameter("WPNAV_SPEED").value == 1.5
     assert client.set_parameter("FENCE_ALT_MAX", 0.1).value == float32(0.1)
-    with pytest.raises(MisuseError, match="FENCE_ALT_MAX is 100 after it was set to 120"):
+    with pytest.raises(MisuseError, match="FENCE_ALT_MAX was set to 120, but is 100"):
         client.set_parameter("FENCE_ALT_MAX", 120.0)

@@ -52,19 +52,19 @@ def test_a_table_is_read_with_the_types_of_its_fields() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
-        ("wait_s", "2", "'2' is not of type float"),
-        ("wait_s", True, "True is not of type float"),
-        ("wait_s", float("nan"), "nan is not finite"),
-        ("tries", 3.0, "3.0 is not of type int"),
-        ("tries", False, "False is not of type int"),
-        ("late_share", 1.5, "1.5 is not between 0 and 1"),
-        ("title", 1, "1 is not of type str"),
-        ("quick", 1, "1 is not of type bool"),
-        ("box_m", [1.0], "[1.0] is not a list of the expected length"),
-        ("box_m", 1.0, "1.0 is not a list of the expected length"),
-        ("steps_s", [0.1, float("inf")], "inf is not finite"),
-        ("steps_s", ["a"], "'a' is not of type float"),
-        ("lines", ["ready"], "'ready' is not of type Line"),
+        ("wait_s", "2", "expected a value of type float, not '2'"),
+        ("wait_s", True, "expected a value of type float, not True"),
+        ("wait_s", float("nan"), "must be finite, not nan"),
+        ("tries", 3.0, "expected a value of type int, not 3.0"),
+        ("tries", False, "expected a value of type int, not False"),
+        ("late_share", 1.5, "must be between 0 and 1, not 1.5"),
+        ("title", 1, "expected a value of type str, not 1"),
+        ("quick", 1, "expected a value of type bool, not 1"),
+        ("box_m", [1.0], "expected a list of another length, not [1.0]"),
+        ("box_m", 1.0, "expected a list of another length, not 1.0"),
+        ("steps_s", [0.1, float("inf")], "must be finite, not inf"),
+        ("steps_s", ["a"], "expected a value of type float, not 'a'"),
+        ("lines", ["ready"], "expected a value of type Line, not 'ready'"),
         ("wiat_s", 2.0, "unknown key"),
     ],
 )
@@ -76,8 +76,8 @@ def test_a_wrong_value_names_file_and_key(key: str, value: object, says: str) ->
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ({"severity": "LOUD", "text": "ready"}, "lines.severity: 'LOUD' is not of type Severity"),
-        ({"severity": 6, "text": "ready"}, "lines.severity: 6 is not of type Severity"),
+        ({"severity": "LOUD", "text": "ready"}, "lines.severity: expected a value of type Severity, not 'LOUD'"),
+        ({"severity": 6, "text": "ready"}, "lines.severity: expected a value of type Severity, not 6"),
         ({"severity": "INFO"}, "lines.text: missing key"),
     ],
 )
@@ -109,7 +109,7 @@ def test_a_check_of_the_dataclass_names_file_and_section() -> None:
 
 
 def test_a_missing_section_is_named() -> None:
-    with pytest.raises(ValueError, match=r"^uavcover/data/flight\.toml: nowhere: no such section$"):
+    with pytest.raises(ValueError, match=r"^uavcover/data/flight\.toml: the section nowhere is missing$"):
         data_table(Kind, "uavcover/data/flight.toml", "nowhere")
 
 

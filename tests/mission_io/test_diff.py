@@ -60,7 +60,7 @@ def test_a_change_only_fits_the_mission_it_was_made_from() -> None:
     with pytest.raises(MisuseError, match="does not match the mission at item 0"):
         apply_diff(change, replace(MISSION, items=MISSION.items[2:]))
     with pytest.raises(
-        MisuseError, match="the change was made for a mission with a different home; create it again from"
+        MisuseError, match="the change belongs to a mission with a different home; create it again from"
     ):
         apply_diff(diff(MISSION, replace(MISSION, home=None)), replace(MISSION, home=replace(HOME, lat_deg=1.0)))
     late = (Edit(0, MISSION.items[:2], ()), Edit(1, MISSION.items[1:2], ()))

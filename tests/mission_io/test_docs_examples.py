@@ -35,7 +35,7 @@ def test_a_plan_becomes_waypoints(
     mission = wpl.read(Path("survey.waypoints").read_text())
     assert [item.command for item in mission.items] == [22, 16, 206, 16, 189, 206, 2001, 2501, 31, 85]
     assert fence_from_items(wpl.read(Path("survey_fence.waypoints").read_text()).items).circles[0].radius_m == 900.0
-    assert "row 1: 'any heading' is written as 0, as in 3 rows" in capsys.readouterr().out
+    assert "row 1: 'any heading' is written as 0 (affected rows: 3)" in capsys.readouterr().out
 
 
 def test_the_examples_of_the_checks(capsys: pytest.CaptureFixture[str]) -> None:

@@ -60,9 +60,9 @@ def test_a_route_far_from_home_is_doubted_and_a_swapped_one_is_named() -> None:
     swapped = waypoint(60.41, 33.21, 30.0, frame=Frame.ABOVE_HOME)
     (doubt,) = doubts_about(Mission(home, (swapped, swapped, replace(swapped, lat_deg=math.nan))))
     assert doubt.startswith("item 1: ")
-    assert doubt.endswith(" km from home, the farthest of 2 beyond 100 km; latitude and longitude are swapped")
+    assert doubt.endswith(" km from home (the farthest of 2 beyond 100 km); latitude and longitude seem to be swapped")
     (doubt,) = doubts_about(Mission(HOME, (waypoint(33.2, -90.0, 30.0, frame=Frame.AMSL),)))
     far_km = GEOD.inv(HOME.lon_deg, HOME.lat_deg, -90.0, 33.2)[2] / 1000.0
     assert doubt.startswith(
-        f"item 1: {far_km:.0f} km from home, the farthest of 1 beyond 100 km; does the route or home belong"
+        f"item 1: {far_km:.0f} km from home (the farthest of 1 beyond 100 km); do the route and home belong"
     )

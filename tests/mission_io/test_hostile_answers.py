@@ -126,10 +126,16 @@ def test_a_log_in_pieces_that_are_none_is_given_up(count: int, padded: tuple[int
 
 UP = MissionItem(Command.NAV_WAYPOINT, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), 46.5, -7.5, 40.0)
 NOWHERE = [
-    (replace(UP, lat_deg=214.7483647), "item 1, lat_deg: 214.7483647 is not a latitude from -90 to 90"),
-    (replace(UP, lat_deg=-90.0000001), "item 1, lat_deg: -90.0000001 is not a latitude"),
-    (replace(UP, lon_deg=-180.1), "item 1, lon_deg: -180.1 is not a longitude from -180 to 180"),
-    (replace(UP, alt_m=math.nan), "item 1, alt_m: NaN is not a height"),
+    (
+        replace(UP, lat_deg=214.7483647),
+        "item 1, lat_deg: the latitude must be between -90 and 90, not 214.7483647; the vehicle cannot fly",
+    ),
+    (
+        replace(UP, lat_deg=-90.0000001),
+        "item 1, lat_deg: the latitude must be between -90 and 90, not -90.0000001; the vehicle cannot fly",
+    ),
+    (replace(UP, lon_deg=-180.1), "item 1, lon_deg: the longitude must be between -180 and 180"),
+    (replace(UP, alt_m=math.nan), "item 1, alt_m: NaN is not a valid height"),
     (replace(UP, alt_m=-math.inf), "item 1, alt_m: -inf is not a number"),
     (replace(UP, params=(0.0, math.inf, 0.0, math.nan)), "item 1, param2: inf is not a number"),
 ]
@@ -145,7 +151,7 @@ def test_a_position_that_is_none_is_an_error_that_names_it(
     peer.server.set_items(mission_type, [UP, item, UP])
     with pytest.raises(FormatError, match=re.escape(says)) as raised:
         connected(peer).download(mission_type)
-    assert str(raised.value).endswith("; the vehicle's list cannot be flown: upload it again, or clear it")
+    assert str(raised.value).endswith("; the vehicle cannot fly its current list; upload the list again, or clear it")
 
 
 def test_what_is_no_position_may_be_any_number() -> None:

@@ -87,11 +87,14 @@ VERTEX = MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Frame.AMSL, (3.
 @pytest.mark.parametrize(
     ("items", "what"),
     [
-        ([VERTEX, VERTEX], "the last polygon has 2 of its 3"),
-        ([VERTEX, MissionItem(5003, Frame.AMSL, (9.0, 0.0, 0.0, 0.0))], "fence item 1: the polygon before it has 1"),
+        ([VERTEX, VERTEX], "the last polygon has only 2 of its 3"),
+        (
+            [VERTEX, MissionItem(5003, Frame.AMSL, (9.0, 0.0, 0.0, 0.0))],
+            "fence item 1: the preceding polygon has only 1",
+        ),
         ([dataclasses.replace(VERTEX, params=(2.0, 0.0, 0.0, 0.0))], "fence item 0: the polygon has 2 vertices"),
         ([dataclasses.replace(VERTEX, params=(math.nan, 0.0, 0.0, 0.0))], "polygon has nan vertices"),
-        ([MissionItem(5004, Frame.AMSL)], "radius 0.0 m"),
+        ([MissionItem(5004, Frame.AMSL)], r"radius must be above 0, not 0\.0 m"),
         ([MissionItem(5000, Frame.AMSL)] * 2, "fence item 1: this is a second return point"),
         ([MissionItem(16, Frame.AMSL)], "command 16 is not a fence item"),
     ],
@@ -102,9 +105,9 @@ def test_bad_fences_are_refused_with_the_item(items: list[MissionItem], what: st
 
 
 def test_fences_that_cannot_be_written() -> None:
-    with pytest.raises(FormatError, match="polygon 0: 2 vertices"):
+    with pytest.raises(FormatError, match="polygon 0: the polygon has 2 vertices"):
         items_from_fence(Fence((FencePolygon(TRIANGLE.vertices[:2]),)))
-    with pytest.raises(FormatError, match="circle 0: radius nan"):
+    with pytest.raises(FormatError, match="circle 0: the radius must"):
         items_from_fence(Fence((), (FenceCircle(LatLon(1.0, 2.0), math.nan),)))
     with pytest.raises(FormatError, match="rally item 0"):
         rally_from_items([VERTEX])

@@ -54,21 +54,21 @@ def test_urls(url: str, parsed: LinkUrl) -> None:
 @pytest.mark.parametrize(
     ("url", "what"),
     [
-        ("", "not a link"),
-        ("14550", "not a link"),
-        ("http://127.0.0.1:80", "not a link; use udpin://HOST:PORT"),
-        ("udpin://127.0.0.1", "no port"),
-        ("udpin://127.0.0.1:70000", "no port"),
-        ("udpin://127.0.0.1:-1", "no port"),
-        ("udpin://127.0.0.1:１４", "no port"),
+        ("", "not a valid link"),
+        ("14550", "not a valid link"),
+        ("http://127.0.0.1:80", "not a valid link; use udpin://HOST:PORT"),
+        ("udpin://127.0.0.1", "a port"),
+        ("udpin://127.0.0.1:70000", "a port"),
+        ("udpin://127.0.0.1:-1", "a port"),
+        ("udpin://127.0.0.1:１４", "a port"),
         ("udpout://127.0.0.1:0", "port 0"),
         ("tcp://127.0.0.1:0", "port 0"),
-        ("tcpin://", "no port"),
-        ("tcp://127.0.0.1:x", "no port"),
+        ("tcpin://", "a port"),
+        ("tcp://127.0.0.1:x", "a port"),
         ("serial://", "names no device"),
         ("serial:COM3:57600", "names no device; write serial:///dev/ttyUSB0:57600"),
-        ("/dev/ttyUSB0:0", "0 is not a baud rate"),
-        ("/dev/ttyUSB0,99999999", "99999999 is not a baud rate"),
+        ("/dev/ttyUSB0:0", "0 is not a valid baud rate"),
+        ("/dev/ttyUSB0,99999999", "99999999 is not a valid baud rate"),
     ],
 )
 def test_urls_that_cannot_be_opened_say_what_can(url: str, what: str) -> None:
@@ -181,7 +181,7 @@ def test_nobody_there_is_silence_not_an_error() -> None:
 
 
 def test_a_taken_port_an_unknown_host_and_a_closed_link_are_errors() -> None:
-    with UdpLink.listening() as first, pytest.raises(LinkError, match="is the port taken"):
+    with UdpLink.listening() as first, pytest.raises(LinkError, match="is the port in use"):
         open_link(f"udpin://127.0.0.1:{first.local_port}")
     with pytest.raises(LinkError, match="cannot find the host"):
         open_link("udpout://host.invalid:14550")

@@ -151,11 +151,11 @@ def test_jumps_name_items_as_each_autopilot_counts_them() -> None:
     for autopilot in (ARDUPILOT, PX4):
         assert mission_from_wire(wire_items(mission, autopilot), autopilot).items == mission.items
         assert check_for_autopilot(wire_items(mission, autopilot), autopilot) == ()
-    assert "a jump to item 5, but the list has items 0 to 2" in problems(
+    assert "the jump leads to item 5, but the list has items 0 to 2" in problems(
         replace(JUMP, params=(5.0, 1.0, 0.0, 0.0)), PX4
     )
     home = replace(JUMP, params=(0.0, 1.0, 0.0, 0.0))  # ArduPilot answers ERROR
-    assert "a jump to item 0, but the list has items 1 to 2" in problems(home, ARDUPILOT)
+    assert "the jump leads to item 0, but the list has items 1 to 2" in problems(home, ARDUPILOT)
     assert "a jump" not in problems(home, PX4)
 
 
@@ -191,16 +191,16 @@ def test_nan_is_taken_by_ardupilot_only_as_parameter_4_of_waypoint_land_and_take
 
 def test_the_item_limit_is_the_vehicles_when_it_tells_one() -> None:
     many = [PLACE] * 700
-    assert "700 items, but the limit of ArduPilot is 650" in str(check_for_autopilot(many, ARDUPILOT)[0])
+    assert "700 items exceed the ArduPilot limit of 650" in str(check_for_autopilot(many, ARDUPILOT)[0])
     assert check_for_autopilot(many, ARDUPILOT, item_limit=718) == ()
-    assert "700 items, but the limit of PX4 is 500" in str(check_for_autopilot(many, PX4, item_limit=500)[0])
+    assert "700 items exceed the PX4 limit of 500" in str(check_for_autopilot(many, PX4, item_limit=500)[0])
 
 
 def test_a_hold_of_minus_5_seconds_would_come_back_as_65531() -> None:
     item = replace(PLACE, params=(-5.0, 0.0, 0.0, 0.0))
     assert stored_item(item, ARDUPILOT).params[0] == 65531.0
     assert "-5 would become 65531" in problems(item, ARDUPILOT)
-    assert "a wait cannot be negative" in problems(item, PX4)
+    assert "but must not be negative" in problems(item, PX4)
 
 
 @BOTH
@@ -228,7 +228,7 @@ def test_planes_keep_the_radii_of_a_waypoint_and_never_hold() -> None:
     assert stored_item(item, ARDUPILOT_PLANE).params == (0.0, 20.0, 255.0, 0.0)
     assert "-3 would become 255" in problems(item, ARDUPILOT_PLANE)
     hold = replace(PLACE, params=(5.0, 0.0, 0.0, 0.0))
-    assert "5 would become 0: ArduPilot's planes do not hold at a waypoint; use a loiter" in problems(
+    assert "5 would become 0: ArduPilot planes do not hold at a waypoint; use a loiter" in problems(
         hold, ARDUPILOT_PLANE
     )
     (difference,) = compare_items([PLACE, hold], [PLACE, stored_item(hold, ARDUPILOT_PLANE)], ARDUPILOT_PLANE)
@@ -271,11 +271,11 @@ def test_numbers_that_would_wrap_are_found_before_they_are_sent(item: MissionIte
 @pytest.mark.parametrize(
     ("item", "what"),
     [
-        (change_speed(0.0), "a speed of 0 m/s"),
+        (change_speed(0.0), "the speed must be greater than 0"),
         (change_speed(-1.0), ""),
-        (trigger_camera_every(-1.0), "a distance of -1 m"),
+        (trigger_camera_every(-1.0), "the distance is -1 m"),
         (MissionItem(Command.NAV_DELAY, Frame.COMMAND, (-1.0, 12.0, 30.0, 0.0)), ""),
-        (MissionItem(Command.NAV_DELAY, Frame.COMMAND, (-1.0, -1.0, -1.0, -1.0)), "a delay of -1 s"),
+        (MissionItem(Command.NAV_DELAY, Frame.COMMAND, (-1.0, -1.0, -1.0, -1.0)), "the delay is -1 s"),
     ],
 )
 def test_numbers_that_no_autopilot_refuses_and_none_can_mean(item: MissionItem, what: str) -> None:
@@ -311,12 +311,12 @@ def bad_fence(name: str) -> list[MissionItem]:
     [
         ("frame", "crosses or touches itself"),
         ("no vertices", "the polygon has 0 vertices"),
-        ("wrong count", "the last polygon has 3 of its 4"),
+        ("wrong count", "the last polygon has only 3 of its 4"),
         ("two return points", "this is a second return point"),
-        ("latitude 100", "latitude 100.0 is not from -90 to 90"),
+        ("latitude 100", "latitude must be between -90 and 90, not 100.0"),
         ("two vertices", "the polygon has 2 vertices"),
-        ("circle without a radius", "radius 0.0 m is not above 0"),
-        ("crossing itself", "fence polygon 0: it crosses or touches itself (self-intersection); draw it again"),
+        ("circle without a radius", "the radius must be above 0, not 0.0 m"),
+        ("crossing itself", "fence polygon 0 crosses or touches itself (self-intersection); draw it again"),
         ("terrain", "does not accept heights in frame ABOVE_TERRAIN"),
     ],
 )

@@ -186,7 +186,7 @@ def test_following_asks_who_does_not_tell_and_ends_when_the_heartbeat_does() -> 
             self.seq = min(4, int(now) // 4)
             self.silent = now > 30.0
 
-    with pytest.raises(VehicleSilentError, match="sent no heartbeat for 5 s"):
+    with pytest.raises(VehicleSilentError, match="did not send a heartbeat for 5 s"):
         list(connected(Quiet()).follow_mission(silent_s=5.0))
     seen = [one.current for one in connected(Quiet()).follow_mission(until=lambda one: one.current == 4)]
     assert seen == [0, 1, 2, 3, 4]

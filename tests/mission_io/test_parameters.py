@@ -139,7 +139,7 @@ def test_what_is_limited_refused_or_unknown_is_said() -> None:
         ("P003_WHOLE", 2**31, "does not fit in INT32"),
         ("P003_WHOLE", 2**24 + 1, "does not fit in a 32-bit float"),
         ("P004_REAL", 1e300, "beyond the range"),
-        ("NO_SUCH", 1, "did not answer for NO_SUCH; nothing was set"),
+        ("NO_SUCH", 1, "did not report NO_SUCH, so no parameter was set"),
     ]:
         with pytest.raises(MisuseError, match=why):
             parameters.set({"P001_WHOLE": 1, name: value})
@@ -230,7 +230,7 @@ def test_extended_parameters_of_a_camera() -> None:
     }
     with pytest.raises(MisuseError, match=r"CAM_NO unsupported value \(set: none\)"):
         camera.set({"CAM_NO": 2})
-    with pytest.raises(MisuseError, match="CAM_NAME: bytes are only for parameters of type CUSTOM"):
+    with pytest.raises(MisuseError, match="CAM_NAME: only parameters of type CUSTOM accept bytes"):
         camera.set({"CAM_NAME": 2})
 
 
@@ -246,7 +246,9 @@ def test_an_unknown_autopilot_is_asked_how_it_encodes(capabilities: int, value: 
     peer.autopilot_number = 0
     client = connected(peer)
     if not capabilities:
-        with pytest.raises(MisuseError, match="does not say how its parameters encode whole numbers; specify bytewise"):
+        with pytest.raises(
+            MisuseError, match="does not report how its parameters encode whole numbers; specify bytewise"
+        ):
             VehicleParameters(client)
         assert VehicleParameters(client, bytewise=True).read(["P003_WHOLE"])["P003_WHOLE"].value == -147
         return

@@ -61,7 +61,7 @@ def test_a_part_survives_loss_and_duplicates(seed: int) -> None:
 def test_an_autopilot_that_takes_no_parts_is_not_asked() -> None:
     peer = VehiclePeer(PX4)
     client = holding(peer)
-    with pytest.raises(MisuseError, match="PX4 does not accept part of a mission"):
+    with pytest.raises(MisuseError, match="PX4 does not accept a part of a mission"):
         upload_part(client, 1, changed(1))
     assert peer.heard == []
 
@@ -131,7 +131,10 @@ def test_a_part_that_breaks_off_leaves_what_came_written() -> None:
 
 @pytest.mark.parametrize("first", [-1, 2**15])
 def test_numbers_that_the_message_does_not_carry_are_refused(first: int) -> None:
-    with pytest.raises(MisuseError, match="a part of 1 items"):
+    with pytest.raises(
+        MisuseError,
+        match="a part must have at least one item and end at item 32767 or before, but this one has 1 items",
+    ):
         Upload(
             changed(1),
             mission_type=MissionType.MISSION,

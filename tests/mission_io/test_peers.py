@@ -109,8 +109,8 @@ def test_each_of_several_vehicles_gets_and_gives_its_own_mission(caplog: pytest.
     assert [len(v.server.items(MissionType.MISSION)) for v in (one, two, three)] == [5, 3, 0]
     client.poll(1.5)
     assert [(v.system_id, v.component_id) for v in client.peers.vehicles] == [(1, 1), (2, 1), (2, 7)]
-    assert caplog.text.count("vehicle 2 (component 1) is on this link, too") == 1
-    assert caplog.text.count("vehicle 2 (component 7) is on this link, too") == 1
+    assert caplog.text.count("vehicle 2 (component 1) is also on this link") == 1
+    assert caplog.text.count("vehicle 2 (component 7) is also on this link") == 1
 
 
 def test_what_is_for_another_ground_station_is_ignored_counted_and_still_told_to_the_listener() -> None:
@@ -163,7 +163,7 @@ def test_a_ground_station_with_our_system_id_is_noticed_and_said_once(
         client.poll(1.0)
     address = Address(station.codec.system_id, station.codec.component_id)
     assert client.peers.same_ids == ({address} if said else set())
-    assert caplog.text.count("change the system id of one of them") == int(said)
+    assert caplog.text.count("change the system ID of one of them") == int(said)
 
 
 def test_our_own_messages_coming_back_are_no_other_ground_station(caplog: pytest.LogCaptureFixture) -> None:
@@ -181,7 +181,7 @@ def test_our_own_messages_coming_back_are_no_other_ground_station(caplog: pytest
 
 def test_a_vehicle_with_our_own_system_id_is_an_error() -> None:
     client = client_on(Bus(Vehicle(1)), system_id=1)
-    with pytest.raises(MisuseError, match="the vehicle and this program both use system id 1; use another system id"):
+    with pytest.raises(MisuseError, match="the vehicle and this program both use system ID 1; use another system ID"):
         client.wait_for_vehicle()
 
 
@@ -189,7 +189,7 @@ def test_a_vehicle_that_is_not_there_names_those_that_are() -> None:
     client = client_on(Bus(Vehicle(3), Vehicle(4), Station(254, 190, GROUND_BEAT)))
     with pytest.raises(
         VehicleSilentError,
-        match=r"no vehicle with system id 9 sent a heartbeat within 3 s; received heartbeats of \[3, 4\]",
+        match=r"no vehicle with system ID 9 sent a heartbeat within 3 s; received heartbeats from \[3, 4\]",
     ):
         client.wait_for_vehicle(3.0, system_id=9)
 

@@ -89,7 +89,7 @@ def test_a_vehicle_that_is_not_believed_is_not_found_and_the_error_says_why(peer
     client.codec.signing.signature(b"")  # type: ignore[union-attr]
     peer.receive_datagram = lambda *_: None  # type: ignore[method-assign]
     with pytest.raises(
-        VehicleSilentError, match=rf"3 frames were refused \({reason}.*\); does it have the same signing"
+        VehicleSilentError, match=rf"3 frames were refused \({reason}.*\); does the vehicle have the same signing"
     ):
         client.wait_for_vehicle(2.5)
 
@@ -149,7 +149,7 @@ class Noise:
 def test_noise_instead_of_mavlink_is_said() -> None:
     client = Client(SimulatedLink(Noise(), rng=random.Random(1)))
     with pytest.raises(
-        VehicleSilentError, match=r"within 2.5 s; 60 bytes received are not MAVLink; is the baud rate right"
+        VehicleSilentError, match=r"within 2\.5 s; 60 received bytes are not MAVLink; is the baud rate correct\?"
     ):
         client.wait_for_vehicle(2.5)
 

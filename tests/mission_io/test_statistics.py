@@ -57,6 +57,6 @@ def test_statistics_read_well() -> None:
     counts = LinkStatistics(frames_in=90, frames_out=12, lost=10, garbage_bytes=7, unsigned=1, replayed=2)
     assert str(counts) == "90 frames in, 12 frames out, 10 lost, 7 garbage bytes, 1 unsigned, 2 replayed"
     assert (counts.loss, counts.refused) == (0.1, 3)
-    assert str(LinkStatistics()) == "the link carried no data"
+    assert str(LinkStatistics()) == "no data arrived on the link"
     assert LinkStatistics().loss == 0.0
     assert counts.as_json()["lost"] == 10

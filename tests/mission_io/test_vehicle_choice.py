@@ -81,7 +81,7 @@ def test_two_claims_without_component_1_need_a_component() -> None:
 
 
 def test_a_component_that_is_not_there_is_named() -> None:
-    with pytest.raises(VehicleSilentError, match="no vehicle with system id 1 and component id 9 sent a heartbeat"):
+    with pytest.raises(VehicleSilentError, match="no vehicle with system ID 1 and component ID 9 sent a heartbeat"):
         client_on(Bus(Vehicle(1))).wait_for_vehicle(2.0, system_id=1, component_id=9)
 
 
@@ -89,7 +89,7 @@ def test_two_types_under_the_same_ids_are_two_vehicles() -> None:
     plane = Station(1, 1, claims(ARDUPILOT.mav_autopilot, VehicleClass.FIXED_WING))
     with pytest.raises(
         MisuseError,
-        match="reports that it is ArduPilot, quadrotor and that it is ArduPilot, plane: two vehicles share these ids",
+        match="reports both ArduPilot, quadrotor and ArduPilot, plane: two vehicles share these IDs",
     ):
         client_on(Bus(Vehicle(1, ARDUPILOT), plane)).wait_for_vehicle()
 
@@ -105,7 +105,7 @@ def test_a_type_that_changes_later_is_not_believed_and_nothing_is_sent_to_it() -
     assert client.vehicle.vehicle_type == VehicleClass.QUADROTOR
     assert not client.vehicle.armed
     assert client.impostor is not None
-    with pytest.raises(MisuseError, match=r"two vehicles share these ids.*nothing was sent"):
+    with pytest.raises(MisuseError, match=r"two vehicles share these IDs.*nothing was sent"):
         client.upload(MissionType.MISSION, ITEMS)
     assert autopilot.server.items(MissionType.MISSION) == ()
 
@@ -141,7 +141,7 @@ def test_names_of_types_are_read_back() -> None:
         if kind_of(number) is not VehicleKind.NO_VEHICLE:
             assert parse_type(type_name(number)) == number
     assert kind_of(parse_type("vtol")) is VehicleKind.VTOL
-    with pytest.raises(MisuseError, match="'zeppelin' is not known; use one of generic, plane, quadrotor"):
+    with pytest.raises(MisuseError, match="unknown vehicle type 'zeppelin'; use one of generic, plane, quadrotor"):
         parse_type("zeppelin")
 
 

@@ -32,7 +32,7 @@ def test_what_a_spreadsheet_does_to_it_is_repaired_and_listed() -> None:
     read = csv.read_mission("\ufeff" + shuffled.replace(",8\r\n", ",18\r\n"))
     assert read.mission == MISSION
     assert read.repairs == (
-        "removed a byte order mark", "changed the line ends to LF", "line 1: ignored 1 columns; the first is 'note'",
+        "removed a byte order mark", "changed the line ends to LF", "line 1: ignored 1 columns, the first of which is 'note'",
         "line 10: renumbered from 18 to 8",
     )  # fmt: skip
 
@@ -40,18 +40,18 @@ def test_what_a_spreadsheet_does_to_it_is_repaired_and_listed() -> None:
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("", "line 1: 0 columns are named item; there must be 1"),
+        ("", "line 1: 0 columns are named item, but there must be one"),
         (TEXT.replace("lat_deg", "latitude"), "line 1: 0 columns are named lat_deg"),
-        (TEXT.replace("ABOVE_HOME", "AGL", 1), "line 3, alt_datum: 'AGL' is not a datum; use AMSL, COMMAND"),
+        (TEXT.replace("ABOVE_HOME", "AGL", 1), "line 3, alt_datum: 'AGL' is not a supported datum; use AMSL, COMMAND"),
         (TEXT.replace(",AMSL,", ",ABOVE_HOME,", 1), "line 2: frame 0 is not ABOVE_HOME; use 3"),
-        (TEXT.replace("\n1,22,", "\n1,99999,"), "line 3: command 99999"),
+        (TEXT.replace("\n1,22,", "\n1,99999,"), "line 3: the command must be between 0 and 65535, not 99999"),
         (TEXT.replace("\n1,22,", "\n1.5,22,"), "line 3, item: '1.5' is not a whole number"),
         (TEXT.replace("12.5", "fast"), "line 4, param2: 'fast' is not a finite number"),
-        (TEXT.replace("33.21875,-98.1234567", "-98.1234567,33.21875", 1), "latitude comes first"),
-        (TEXT[:-2] + "7\n", "line 10, autocontinue: '7' is not 0 or 1"),
-        (TEXT + "9,16\n", "line 11: 2 columns, but the header has 12"),
-        (TEXT + '9,"16', "line 11: not CSV"),
-        (TEXT + "x" * 200_000, "line 11: not CSV: field larger"),
+        (TEXT.replace("33.21875,-98.1234567", "-98.1234567,33.21875", 1), "write latitude first"),
+        (TEXT[:-2] + "7\n", "line 10, autocontinue: must be 0 or 1"),
+        (TEXT + "9,16\n", "line 11: the row has 2 columns, but the header has 12"),
+        (TEXT + '9,"16', "line 11: invalid"),
+        (TEXT + "x" * 200_000, "line 11: invalid CSV: field larger"),
     ],
 )
 def test_what_cannot_be_read_is_one_error_with_its_line(text: str, what: str) -> None:

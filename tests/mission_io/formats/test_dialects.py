@@ -61,7 +61,7 @@ def test_decimal_commas_between_commas_are_named(table):
     text = written(rows, separator=",", decimal=",", quoted="no", space="", told=False)
     with pytest.raises(
         FormatError,
-        match=r"header has \d+ \(columns separated by commas, decimal points\); are its decimals commas",
+        match=r"header has \d+ \(columns separated by commas, decimal points\); if it also has decimal commas",
     ):
         read(text)
 
@@ -69,7 +69,7 @@ def test_decimal_commas_between_commas_are_named(table):
 def test_commas_and_points_in_one_table_are_named():
     rows = "\n".join([*ITEMS[:3], ITEMS[3]]).replace(",", ";").replace("46.51334", "46,51334")
     with pytest.raises(
-        FormatError, match=r"commas \(line 4\) and with points \(line 2\), columns separated by semicolons"
+        FormatError, match=r"commas \(line 4\) and decimal points \(line 2\), with columns separated by semicolons"
     ):
         csv.read_mission(rows)
 
@@ -77,7 +77,7 @@ def test_commas_and_points_in_one_table_are_named():
 def test_a_missing_column_names_the_dialect():
     with pytest.raises(
         FormatError,
-        match="0 columns are named item; there must be 1; it was read as columns separated by semicolons, decimal points",
+        match="columns are named item, but there must be one; the file was read as columns separated by semicolons, decimal points",
     ):
         csv.read_mission("number;command;frame\n1;16;3\n")
 
@@ -109,7 +109,7 @@ def test_lines_of_numbers_are_the_same_in_every_dialect(between, decimal, quoted
 
 @pytest.mark.parametrize(("line", "count"), [("46,51234,8,0123", 2), ("0,1,0,16,0,0,0,0,46,5,8,5,500,5,1", 12)])
 def test_ambiguous_decimal_commas_are_named(line, count):
-    with pytest.raises(FormatError, match=r"columns; .* are expected; are its decimals commas"):
+    with pytest.raises(FormatError, match="if it has decimal commas"):
         words_of(line, count)
-    with pytest.raises(FormatError, match="are its decimals commas"):
+    with pytest.raises(FormatError, match="decimal commas"):
         wpl.read(f"QGC WPL 110\n{line}\n") if count == 12 else poly.read_area(line)

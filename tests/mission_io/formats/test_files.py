@@ -64,7 +64,7 @@ def test_maps_are_written_and_not_read(tmp_path: Path, name: str, first: str) ->
 def test_what_a_format_rounds_is_told(tmp_path: Path) -> None:
     odd = replace(MISSION, home=replace(HOME, lat_deg=46.123456789123))
     (line,) = write_mission(odd, tmp_path / "a.waypoints")
-    assert line.startswith("row 0: degrees are rounded to 8 decimals")
+    assert line.startswith("row 0: degrees were rounded to 8 decimals")
 
 
 @pytest.mark.parametrize("name", ["a.waypoints", "a.plan"])
@@ -80,15 +80,15 @@ def test_what_cannot_be_done_is_said(tmp_path: Path, caplog: pytest.LogCaptureFi
     fen = tmp_path / "a.fen"
     fen.write_text(poly.write_fence(replace(FENCE, circles=(), return_point=FramedPoint(46.5, -7.3, 0.0))))
     for act, telling in (
-        (lambda: read_mission(tmp_path / "none.plan"), r"none.plan: cannot be read \(No such file"),
-        (lambda: read_mission(tmp_path), r": cannot be read \("),
+        (lambda: read_mission(tmp_path / "none.plan"), r"none\.plan: cannot read the file \(No such file"),
+        (lambda: read_mission(tmp_path), ": cannot read the file"),
         (lambda: read_mission(fen), r"a\.fen: a \.fen file contains only a fence"),
         (lambda: write_mission(MISSION, fen), r"a\.fen: a \.fen file cannot contain a mission"),
         (
             lambda: write_mission(MISSION, tmp_path / "a.csv", rally=RALLY),
             r"a\.csv: only a \.plan file can contain fence",
         ),
-        (lambda: write_mission(MISSION, tmp_path / "no" / "a.csv"), r"a.csv: cannot be written \("),
+        (lambda: write_mission(MISSION, tmp_path / "no" / "a.csv"), r"a\.csv: cannot write the file \("),
     ):
         with pytest.raises(MissionIoError, match=telling):
             act()

@@ -82,12 +82,12 @@ def with_first(flight: CameraFlight, **changes: Any) -> CameraFlight:
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"height_above_home_m": 500.5}, r"point 1: 500\.5 m above home; Litchi accepts -200 to 500"),
+        ({"height_above_home_m": 500.5}, r"point 1: 500\.5 m above home is invalid; Litchi accepts -200 to 500"),
         ({"height_above_home_m": -201.0}, "point 1: -201 m above home"),
         ({"speed_m_s": 15.5}, "point 1: 15.5 m/s"),
-        ({"pitch_deg": 10.0}, "point 1: 10 degrees of the camera's pitch"),
-        ({"pictures": 16}, "point 1: 1[67] photos at one point; the limit of Litchi is 15"),
-        ({"lat_deg": 46.0}, r"point 1: .* m to the next point; Litchi accepts 0\.5 to 2000"),
+        ({"pitch_deg": 10.0}, "point 1: 10 degrees of camera pitch"),
+        ({"pictures": 16}, "point 1: a point has 1[67] photos, but the limit of Litchi is 15"),
+        ({"lat_deg": 46.0}, r"point 1: .* m to the next point is invalid; Litchi accepts 0\.5 to 2000"),
     ],
 )
 def test_what_litchi_cannot_do_is_refused(changes: dict[str, float], match: str) -> None:
@@ -101,8 +101,8 @@ def test_points_too_near_to_each_other_and_too_many() -> None:
     near = replace(first, height_above_home_m=first.height_above_home_m + 0.3)
     with pytest.raises(FormatError, match=r"point 1: 0.3 m to the next point"):
         write_csv(replace(flight, points=(first, near)))
-    with pytest.raises(FormatError, match="flight: 100 points; Litchi accepts 2 to 99"):
+    with pytest.raises(FormatError, match="flight: the mission has 100 points, but Litchi accepts 2 to 99"):
         write_csv(random_flight(1, points=100))
-    with pytest.raises(FormatError, match="flight: 1 points"):
+    with pytest.raises(FormatError, match="flight: the mission has 1 points"):
         write_csv(random_flight(1, points=1))
     assert len(rows_of(write_csv(random_flight(1, points=99)))) == 99

@@ -37,7 +37,7 @@ def test_a_jump_is_written_where_it_can_be_read_again(target: float) -> None:
     if target in range(1, 10):
         assert plan.read(plan.write(whole)) == whole
     else:
-        with pytest.raises(FormatError, match=r"mission item 9, param 1: a jump to .* \.waypoints file"):
+        with pytest.raises(FormatError, match=r"mission item 9, param 1: the jump leads to .* \.waypoints file"):
             plan.write(whole)
 
 
@@ -69,7 +69,7 @@ def test_nan_is_null() -> None:
     [
         (replace(PLAN, mission=replace(MISSION, home=None)), "no home"),
         (replace(PLAN, mission=Mission(HOME, (replace(NAN_YAW, alt_m=math.nan),))), "mission item 1"),
-        (replace(PLAN, mission=Mission(replace(HOME, lat_deg=math.nan), ())), "not finite"),
+        (replace(PLAN, mission=Mission(replace(HOME, lat_deg=math.nan), ())), "a finite"),
         (replace(PLAN, rally=plan.RallyPoints((FramedPoint(1.0, 2.0, 3.0, Frame.AMSL),))), r"points\[0\]"),
         (replace(PLAN, fence=plan.Fence((), (), FramedPoint(1.0, 2.0, 3.0, Frame.AMSL))), "breachReturn"),
     ],
@@ -96,31 +96,34 @@ def changed(path: str, value: Any) -> str:
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("", "line 1: not JSON"),
-        ("[]", "plan: an object is expected"),
+        ("", "line 1: cannot read the file as JSON"),
+        ("[]", "plan: expected an object"),
         ("[" * 100_000, "nested too deeply"),
-        ('{"fileType": NaN}', "a number that cannot be read"),
-        ('{"fileType": ' + "9" * 5000 + "}", "a number that cannot be read"),
-        ('{"fileType": "Parameters"}', "plan.fileType: not a plan"),
+        ('{"fileType": NaN}', "cannot read a number"),
+        ('{"fileType": ' + "9" * 5000 + "}", "cannot read a number"),
+        ('{"fileType": "Parameters"}', r"plan\.fileType: this is not a plan"),
         (changed("mission", ...), r"plan\.mission: the key is missing"),
-        (changed("mission.items", {}), "plan.mission.items: a list is expected"),
-        (changed("mission.plannedHomePosition", [1.0, 2.0]), "plannedHomePosition: 2 numbers; 3 are expected"),
-        (changed("mission.plannedHomePosition.1", "7"), r"plannedHomePosition\[1\]: '7' is not a number"),
+        (changed("mission.items", {}), r"plan\.mission\.items: expected"),
+        (changed("mission.plannedHomePosition", [1.0, 2.0]), r"plan\.mission\.plannedHomePosition: expected 3 numbers"),
+        (changed("mission.plannedHomePosition.1", "7"), r"plannedHomePosition\[1\]: expected a number, not '7'"),
         (changed("mission.items.0.type", "ComplexItem"), r"items\[0\]\.complexItemType: the key is missing"),
         (changed("mission.items.0.type", "Item"), r"items\[0\].type: 'Item' is neither"),
-        (changed("mission.items.0.command", 65536), r"items\[0\].command: command 65536 is not from 0 to 65535"),
-        (changed("version", 2), "plan.version: version 2 is not known"),
-        (changed("mission.version", 1), "plan.mission.version: version 1 is not known"),
-        (changed("mission", []), "plan.mission: an object is expected"),
-        (changed("mission.items.0.params", [0.0] * 6), r"items\[0\].params: 6 numbers"),
+        (
+            changed("mission.items.0.command", 65536),
+            r"items\[0\].command: the command must be between 0 and 65535, not 65536",
+        ),
+        (changed("version", 2), "plan.version: unknown version 2"),
+        (changed("mission.version", 1), "plan.mission.version: unknown version 1"),
+        (changed("mission", []), r"plan\.mission: expected an object"),
+        (changed("mission.items.0.params", [0.0] * 6), r"items\[0\].params: expected 7 numbers, not 6"),
         (changed("mission.items.0.params.4", None), "latitude, longitude and height are required"),
-        (changed("mission.items.0.params.1", True), "is not a number"),
-        (changed("mission.items.0.command", 16.5), "not a whole number"),
+        (changed("mission.items.0.params.1", True), "expected a number"),
+        (changed("mission.items.0.command", 16.5), "expected a whole number"),
         (changed("mission.items.0.frame", 1), r"items\[0\].frame: unknown frame 1"),
         (changed("mission.items.0.autoContinue", 1), "true or false"),
-        (changed("geoFence.polygons.0.polygon.0", [1.0]), "1 numbers; 2 are expected"),
+        (changed("geoFence.polygons.0.polygon.0", [1.0]), r"plan\.geoFence\.polygons\[0\]\.polygon\[0\]: expected"),
         (changed("rallyPoints.points", ...), r"rallyPoints\.points: the key is missing"),
-        (changed("mission.firmwareType", 10**400), "is not a number"),
+        (changed("mission.firmwareType", 10**400), "expected a number"),
     ],
 )
 def test_what_cannot_be_read_is_one_error_with_its_place(text: str, what: str) -> None:
@@ -139,8 +142,8 @@ def test_what_may_be_missing() -> None:
     assert (back.fence, back.rally) == (plan.Fence(), plan.RallyPoints())
     assert back.mission == MISSION
     assert back.repairs == (
-        "removed a byte order mark", "plan.geoFence: is missing; the plan is read without it",
-        "plan.rallyPoints: is missing; the plan is read without it",
+        "removed a byte order mark", "plan.geoFence is missing; the plan was read without it",
+        "plan.rallyPoints is missing; the plan was read without it",
     )  # fmt: skip
 
 
@@ -215,7 +218,7 @@ def test_a_part_of_the_old_version_is_read_and_written_in_the_new_one(
     ],
 )
 def test_other_versions_are_refused(part: str, other: dict[str, Any]) -> None:
-    with pytest.raises(FormatError, match=f"plan.{part}.version: version ('1'|3|True) is not known"):
+    with pytest.raises(FormatError, match=f"plan.{part}.version: unknown version ('1'|3|True)"):
         plan.read(changed(part, other))
 
 
@@ -228,7 +231,7 @@ def test_four_parameters_and_a_coordinate_are_seven() -> None:
     assert found.mission == MISSION
     assert plan.read(plan.write(found)) == found
     entry["coordinate"].pop()
-    with pytest.raises(FormatError, match=r"items\[0\]\.params: 6 numbers; 7 are expected"):
+    with pytest.raises(FormatError, match=r"items\[0\]\.params: expected 7 numbers, not 6"):
         plan.read(json.dumps(document))
 
 
@@ -295,13 +298,13 @@ def _one_item(**changes):
     ("changes", "named"),
     [
         ({}, []),
-        ({"Altitude": 80.0}, ["Altitude is 80, but params[6] is 50; 50 m is used"]),
-        ({"AltitudeMode": 2}, ["AltitudeMode 2 is AMSL, but its frame is ABOVE_HOME; the frame is used"]),
-        ({"AltitudeMode": 4}, ["AltitudeMode 4 is ABOVE_TERRAIN, but its frame is ABOVE_HOME; the frame is used"]),
+        ({"Altitude": 80.0}, ["Altitude is 80, but params[6] is 50; 50 m was used"]),
+        ({"AltitudeMode": 2}, ["AltitudeMode 2 is AMSL, but its frame is ABOVE_HOME (used)"]),
+        ({"AltitudeMode": 4}, ["AltitudeMode 4 is ABOVE_TERRAIN, but its frame is ABOVE_HOME (used)"]),
         ({"frame": 0, "AltitudeMode": 3, "AMSLAltAboveTerrain": 50.0, "Altitude": 20.0}, []),
         (
             {"frame": 0, "AltitudeMode": 3, "AMSLAltAboveTerrain": 570.0, "Altitude": 20.0},
-            ["AMSLAltAboveTerrain is 570, but params[6] is 50; 50 m is used"],
+            ["AMSLAltAboveTerrain is 570, but params[6] is 50; 50 m was used"],
         ),
         ({"Altitude": None, "AltitudeMode": None}, []),
         ({"AltitudeMode": 0}, []),
@@ -327,7 +330,7 @@ ISLAND = {"circle": {"center": [48.0, 8.0], "radius": 500.0}, "inclusion": True,
             [47.2, 8.2, 50.0],
             [SQUARE],
             [],
-            "outside the fence: a vehicle that flies there after a breach leaves it again",
+            "outside the fence, so a vehicle that flies there after a breach leaves the fence again",
         ),
         ([46.2, 9.2, 50.0], [SQUARE], [ISLAND], "outside the fence"),
         ([48.001, 8.0, 50.0], [SQUARE], [ISLAND], ""),

@@ -125,13 +125,15 @@ def test_an_older_landing_pattern_has_a_height_frame_for_each_place() -> None:
               "loiterClockwise": True}  # fmt: skip
     items = plan.read(json.dumps(document(older))).mission.items
     assert (items[-2].params[1], items[-1].frame) == (75.0, Frame.ABOVE_HOME)
-    with pytest.raises(FormatError, match=r"items\[1\]: approach and landing have heights above different datums"):
+    with pytest.raises(FormatError, match=r"items\[1\]: the heights of approach and landing refer to different datums"):
         plan.read(json.dumps(document({**older, "landAltitudeRelative": False})))
 
 
 def test_what_cannot_be_flown_is_kept_but_not_read_for_flying() -> None:
     text = json.dumps(document(SURVEY, STRUCTURE))
-    with pytest.raises(FormatError, match="after mission item 4: the items of a StructureScan are not in the file"):
+    with pytest.raises(
+        FormatError, match="after mission item 4: the file does not contain the items of a StructureScan"
+    ):
         plan.read(text)
     assert json.loads(plan.write(plan.read_to_keep(text))) == json.loads(text)
     nested = copy.deepcopy(SURVEY)
@@ -173,14 +175,14 @@ def test_jumps_go_by_the_number_of_the_item_and_in_the_file_by_its_id() -> None:
     read = plan.read(json.dumps(other_ids))
     assert read.mission.items[5].params[:2] == (5.0, 3.0)
     assert json.loads(plan.write(read)) == other_ids
-    with pytest.raises(FormatError, match=r"items\[3\].params\[0\]: a jump to 3, which no simple item has"):
+    with pytest.raises(FormatError, match=r"items\[3\].params\[0\]: the jump leads to 3, but no simple item has"):
         plan.read(json.dumps(document(SURVEY, after, {**jump, "params": [3, 3, 0, 0, 0, 0, 0]})))
 
 
 def test_speeds_are_whole_numbers_and_what_is_rounded_is_listed() -> None:
     whole = plan.PlanFile(MISSION, plan.Fence(), plan.RallyPoints(), 3, cruise_speed_m_s=12.5)
     assert json.loads(plan.write(whole))["mission"]["cruiseSpeed"] == 12
-    assert plan.losses(whole) == ("mission.cruiseSpeed: 12.5 is written as 12",)
+    assert plan.losses(whole) == ("mission.cruiseSpeed: rounded 12.5 to 12",)
 
 
 def test_unknown_keys_within_a_fence_are_listed() -> None:
@@ -251,7 +253,7 @@ def test_the_quick_way_to_read_an_item_and_the_careful_one_agree(params: list[An
 
 
 def test_an_item_that_is_no_object_is_refused() -> None:
-    with pytest.raises(FormatError, match="entry: an object is expected here"):
+    with pytest.raises(FormatError, match="entry: expected an object"):
         read_simple(Node(5, "entry"))
 
 

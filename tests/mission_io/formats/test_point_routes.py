@@ -85,7 +85,7 @@ def test_curves_are_told() -> None:
     text = ROUTES[".wpml"](POINTS, 1.0).replace(
         "</wpml:waypointSpeed>", "</wpml:waypointSpeed><wpml:useStraightLine>0</wpml:useStraightLine>"
     )
-    assert "3 legs are curved" in wpml.read_route(text).repairs[0]
+    assert "3 curved" in wpml.read_route(text).repairs[0]
     assert "corners" in litchi.read_route(ROUTES[".csv"](POINTS, 1.0).replace(",90,0,", ",90,5,")).repairs[0]
 
 
@@ -98,9 +98,14 @@ def test_curves_are_told() -> None:
         (".gpx", "gpx", "gpy", "gpy"),
         (".gpx", "</rte>", "</rte><rte/>", "2 routes"),
         (".gpx", '<?xml version="1.0"?>', '<!DOCTYPE a [<!ENTITY b "c">]>', "document type"),
-        (".gpx", "</gpx>", "", "not XML"),
+        (".gpx", "</gpx>", "", "invalid XML"),
         (".gpx", "1040.0", "1e9", "1e+09"),
-        (".kml", "absolute", "clampToGround", "0 of them with heights"),
+        (
+            ".kml",
+            "absolute",
+            "clampToGround",
+            "0 with heights",
+        ),
         (".kml", ",1040.0", "", "heights"),
         (".kml", "8.25,46.5,1040.0", "8.25,nan,1040.0", "number"),
         (".csv", "altitude(m)", "altitude(ft)", "metric"),
@@ -108,7 +113,7 @@ def test_curves_are_told() -> None:
         (".csv", "46.5,8.25", "north,8.25", "number"),
         (".csv", ",0,7.5", ",7,7.5", "altitude mode 7"),
         (".wpml", "relativeToStartPoint", "WGS84", "relativeToStartPoint"),
-        (".wpml", "8.25,46.5<", "8.25<", "longitude,latitude"),
+        (".wpml", "8.25,46.5<", "8.25<", "longitude and latitude"),
         (".wpml", "<wpml:executeHeight>40.0</wpml:executeHeight>", "", "number"),
         (".wpml", "missionConfig", "mission", "missionConfig"),
         (".wpml", "</Folder>", "</Folder><Folder/>", "2 waylines"),

@@ -116,7 +116,7 @@ def test_deep_json_is_kept_or_refused(depth: int) -> None:
             assert 0 < len(error_of(lambda read=read, text=text: read(text))) < 200  # type: ignore[misc]
     form = plan_of(f'{{"type": "ComplexItem", "complexItemType": "X", "deep": {deep}}}')
     error = error_of(lambda: plan.read_to_keep(form))
-    assert error in ("", "plan: nested too deeply")
+    assert error in ("", "plan: the JSON is nested too deeply")
     if not error:
         read_back = plan.read_to_keep(form)
         assert error_of(lambda: plan.write(read_back)) in ("", "plan: a kept entry is nested too deeply")
@@ -126,7 +126,7 @@ def test_an_xml_bomb_is_refused_before_it_grows() -> None:
     entities = "".join(f'<!ENTITY e{n + 1} "{f"&e{n};" * 10}">' for n in range(12))
     bomb = f'<!DOCTYPE kml [<!ENTITY e0 "boom">{entities}]><kml><name>&e12;</name></kml>'
     start = time.process_time()
-    with pytest.raises(FormatError, match="a document type, which may define entities"):
+    with pytest.raises(FormatError, match="document types are not supported"):
         kml.read_drawing(bomb)
     assert time.process_time() - start < 1.0
 

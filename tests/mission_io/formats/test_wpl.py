@@ -47,7 +47,7 @@ def test_any_heading_is_written_as_zero_and_every_other_nan_is_an_error() -> Non
     assert wpl.read(text).items[0].params[3] == 0.0
     with pytest.raises(FormatError, match="row 1, param1: nan cannot be written"):
         wpl.write_mission(Mission(HOME, (replace(NAN_YAW, command=18, params=(math.nan, 0.0, 0.0, 0.0)),)))
-    with pytest.raises(FormatError, match="row 1, latitude: nan is not a coordinate"):
+    with pytest.raises(FormatError, match="row 1, latitude: nan is not a valid coordinate"):
         wpl.write_mission(Mission(HOME, (replace(NAN_YAW, lat_deg=math.nan),)))
     with pytest.raises(FormatError, match="row 0: the mission has no home"):
         wpl.write_mission(Mission(None, ()))
@@ -64,18 +64,18 @@ def test_any_heading_is_written_as_zero_and_every_other_nan_is_an_error() -> Non
         (STRICT.replace("\t345.678\t1", "\t345.678\t1 # home"), "line 2: skipped a comment"),
         (STRICT.replace("\t", " "), "line 2: changed the separators to tabs"),
         (STRICT.replace("\t", ", "), "line 2: changed the separators to tabs"),
-        (STRICT.replace("\t22\t", "\t22.000\t"), "line 3: command '22.000' is written as a whole number"),
+        (STRICT.replace("\t22\t", "\t22.000\t"), "line 3: command '22.000' was converted to a whole number"),
         (STRICT.replace("1\t0\t3\t22", "1\t0\t6\t22"), "line 3: changed frame 6 to 3"),
         (STRICT.replace("\n2\t0\t2", "\n7\t0\t2"), "line 4: renumbered from 7 to 2"),
         (STRICT.replace("\n2\t0\t2", "\n 2\t0\t2"), "line 4: removed space around the row"),
         (
             STRICT.replace("0\t1\t0\t16", "0\t1\t3\t16"),
-            "line 2: the height of home is read as above sea level, not ABOVE_HOME; if it is the first waypoint, put a row "
-            "for home before it",
+            "line 2: the height of home was read as above sea level, not ABOVE_HOME; if this row is the first waypoint, insert "
+            "a row for home before it",
         ),
         (
             STRICT.replace("0\t1\t0\t16\t0", "0\t1\t0\t16\t5"),
-            "line 2: the first row is home; its parameters are not kept",
+            "line 2: the first row is home; its parameters were dropped",
         ),
     ],
 )
@@ -96,21 +96,21 @@ def test_version_120_has_no_home_row() -> None:
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("", "line 1: no header"),
+        ("", "line 1: the header"),
         ("QGC WPL 100\n", "line 1: 'QGC WPL 100' is not a supported header"),
         ("hello", "'hello' is not a supported header"),
-        (STRICT + "3\t0\t3\t16\n", "line 5: 4 columns; a row has 12"),
+        (STRICT + "3\t0\t3\t16\n", "line 5: expected 12 columns"),
         (STRICT.replace("\t12.5\t", "\tfast\t"), "line 4, param2: 'fast' is not a finite number"),
         (STRICT.replace("\t12.5\t", "\tinf\t"), "line 4, param2"),
         (STRICT.replace("\t12.5\t", "\t1e999\t"), "line 4, param2"),
         (STRICT.replace("\t12.5\t", "\t1_0\t"), "line 4, param2"),
         (STRICT.replace("\t12.5\t", "\t" + "9" * 500 + "\t"), "line 4, param2"),
         (STRICT.replace("\t178\t", "\t178.5\t"), "line 4, command: '178.5' is not a whole number"),
-        (STRICT.replace("\t178\t", "\t99999\t"), "command 99999"),
+        (STRICT.replace("\t178\t", "\t99999\t"), "command must be between 0 and 65535, not 99999"),
         (STRICT.replace("1\t0\t3\t22", "1\t0\t1\t22"), "line 3: unknown frame 1"),
         (STRICT.replace("33.21875000\t-98.12345670\t30", "-98.12345670\t33.21875000\t30"),
-         "line 3: latitude -98.1235, longitude 33.2188 is not a position; latitude comes first"),
-        (STRICT.replace("33.21875000\t-98.12345670\t30", "33.2\t-198.1\t30"), "is not a position$"),
+         r"line 3: latitude -98\.1235, longitude 33\.2188 is not a valid position; write latitude first"),
+        (STRICT.replace("33.21875000\t-98.12345670\t30", "33.2\t-198.1\t30"), "is not a valid position$"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_one_error_with_its_line(text: str, what: str) -> None:
@@ -152,8 +152,8 @@ def test_what_is_not_kept_to_the_bit_is_listed() -> None:
     assert wpl.losses(MISSION) == ()
     exact = replace(NAN_YAW, lat_deg=33.123456789)
     assert wpl.losses(Mission(replace(HOME, lon_deg=1e-12), (exact, NAN_YAW))) == (
-        "row 1: 'any heading' is written as 0, as in 2 rows",
-        "row 0: degrees are rounded to 8 decimals (0.6 mm), as in 2 rows",
+        "row 1: 'any heading' is written as 0 (affected rows: 2)",
+        "row 0: degrees were rounded to 8 decimals (0.6 mm) (affected rows: 2)",
     )
     assert wpl.losses(Mission(None, ())) == ()
 
@@ -168,7 +168,10 @@ def test_swapped_coordinates_are_doubted() -> None:
         "33.21875000\t-98.12345670", "33.2\t-48.1"
     )
     (doubt,) = wpl.read(swapped).doubts()
-    assert doubt == "item 1: 12075 km from home, the farthest of 1 beyond 100 km; latitude and longitude are swapped"
+    assert (
+        doubt
+        == "item 1: 12075 km from home (the farthest of 1 beyond 100 km); latitude and longitude seem to be swapped"
+    )
     assert wpl.read(STRICT).doubts() == ()
 
 
@@ -177,7 +180,7 @@ def test_nan_in_a_parameter_without_a_use_is_written_as_zero_and_listed() -> Non
     stop = MissionItem(2001, Frame.COMMAND, (0.0, math.nan, math.nan, math.nan))
     mission = Mission(HOME, (stop,))
     assert wpl.read(wpl.write_mission(mission)).items[0].params == (0.0, 0.0, 0.0, 0.0)
-    assert wpl.losses(mission) == ("row 1: NaN in a parameter without a use is written as 0, as in 1 rows",)
+    assert wpl.losses(mission) == ("row 1: NaN in a parameter without a use is written as 0 (affected rows: 1)",)
     for command in (213, 31010):
         with pytest.raises(FormatError, match="row 1, param2: nan cannot be written"):
             wpl.write_mission(Mission(HOME, (replace(stop, command=command),)))
@@ -187,7 +190,7 @@ def test_nan_in_a_parameter_without_a_use_is_written_as_zero_and_listed() -> Non
 def test_nan_in_a_parameter_is_read_as_programs_write_it(nan: str) -> None:
     read = wpl.read(STRICT.replace("\t30\t", "\t30\t").replace("22\t0\t0\t0\t0\t", f"22\t0\t0\t0\t{nan}\t"))
     assert math.isnan(read.items[0].params[3])
-    assert read.repairs == (f"line 3: param4 {nan!r} is not a number; the value is left to the vehicle",)
+    assert read.repairs == (f"line 3: param4 {nan!r} is not a number; the vehicle chooses it",)
     assert wpl.read(wpl.write_mission(read.mission())).items[0].params == (0.0, 0.0, 0.0, 0.0)
 
 
@@ -235,7 +238,4 @@ def test_a_first_row_that_is_an_item_is_kept(command, frame):
     assert read.items[0].alt_m == 50.0
     # The jump went to row 1, which is item 2 now.
     assert read.items[2].params[0] == 2.0
-    assert (
-        f"the first row is command {command} and not home: it is kept as item 1, and the mission has no home"
-        in read.repairs
-    )
+    assert f"the first row is command {command}, not home; it is now item 1, and home is missing" in read.repairs

@@ -89,12 +89,12 @@ def with_first(flight: CameraFlight, **changes: Any) -> CameraFlight:
 @pytest.mark.parametrize(
     ("changes", "return_height_m", "match"),
     [
-        ({"height_above_home_m": 1.0}, 80.0, r"point 1: the climb ends 1 m above home; WPML accepts 1\.2 to 1500"),
+        ({"height_above_home_m": 1.0}, 80.0, r"point 1: the climb ends 1 m above home, but WPML accepts 1\.2 to 1500"),
         ({"height_above_home_m": 1501.0}, 80.0, "point 1: the climb ends 1501 m"),
-        ({"speed_m_s": 15.5}, 80.0, r"point 1: 15\.5 m/s; the DJI Mavic 3E flies at most"),
-        ({"speed_m_s": 0.0}, 80.0, "point 1: 0 m/s"),
-        ({"pitch_deg": -95.0}, 80.0, "point 1: the camera pitch is -95 degrees"),
-        ({}, 1600.0, "return height: 1600 m above home"),
+        ({"speed_m_s": 15.5}, 80.0, r"point 1: the speed is 15\.5 m/s, but the DJI Mavic 3E flies at most"),
+        ({"speed_m_s": 0.0}, 80.0, "point 1: the speed is 0 m/s"),
+        ({"pitch_deg": -95.0}, 80.0, "point 1: camera pitch -95 degrees"),
+        ({}, 1600.0, "return height: 1600 m above home exceeds"),
         ({}, 0.0, "return height"),
     ],
 )
@@ -106,5 +106,5 @@ def test_what_the_aircraft_cannot_do_is_refused(changes: dict[str, float], retur
 
 def test_more_points_than_there_are_numbers() -> None:
     flight = random_flight(2, points=2)
-    with pytest.raises(FormatError, match="flight: 65538 points"):
+    with pytest.raises(FormatError, match="flight: 65538 points exceed"):
         write_kmz(replace(flight, points=flight.points * 32769), M3E, return_height_m=80.0)

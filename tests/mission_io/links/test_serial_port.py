@@ -84,7 +84,8 @@ def test_a_port_that_is_pulled_out_is_one_clear_error_after_what_it_had_sent(rad
         assert received(link, 1) == frames(1)
         radio.close()
         with pytest.raises(
-            LinkError, match=r"serial port /dev/.* is gone: the device is gone; open the link again when it is back"
+            LinkError,
+            match=r"connection to serial port /dev/.* was lost: the device was disconnected; open the link again",
         ):
             link.receive(PATIENCE_S)
         for use in (lambda: link.receive(0.0), lambda: link.send(b"x")):
@@ -95,7 +96,7 @@ def test_a_port_that_is_pulled_out_is_one_clear_error_after_what_it_had_sent(rad
 def test_a_port_that_is_pulled_out_while_sending_is_the_same_error(radio: Radio) -> None:
     with open_serial(radio.device) as link:
         radio.close()
-        with pytest.raises(LinkError, match=r"serial port /dev/.* is gone: Input/output error"):
+        with pytest.raises(LinkError, match=r"serial port /dev/.* was lost: Input/output error"):
             link.send(frames(1)[0])
 
 
@@ -103,7 +104,7 @@ def test_a_port_that_is_ready_and_empty_has_gone(radio: Radio, monkeypatch: pyte
     with open_serial(radio.device) as link:
         radio.write(b"x")
         monkeypatch.setattr(os, "read", lambda *_: b"")
-        with pytest.raises(LinkError, match="the device is gone"):
+        with pytest.raises(LinkError, match="the device was disconnected"):
             link.receive(PATIENCE_S)
 
 
@@ -131,7 +132,7 @@ def test_a_port_that_takes_nothing_does_not_hold_us_up(radio: Radio, monkeypatch
 
 
 def test_a_port_is_opened_once(radio: Radio) -> None:
-    with open_serial(radio.device), pytest.raises(LinkError, match="another program has it open"):
+    with open_serial(radio.device), pytest.raises(LinkError, match="another program uses the device"):
         open_serial(radio.device)
 
 

@@ -90,7 +90,7 @@ def test_the_last_share_closes_the_link_and_the_next_one_opens_it_again() -> Non
     one, two = shared.share(1), shared.share(2)
     with pytest.raises(MisuseError, match="share of system 1 is in use"):
         shared.share(1)
-    with pytest.raises(MisuseError, match=r"system 3 has no share; those of \[1, 2\] have one"):
+    with pytest.raises(MisuseError, match=r"system 3 has no share of this link; the systems with a share are \[1, 2\]"):
         shared.share(3)
     one.close()
     one.close()
@@ -128,7 +128,7 @@ def test_what_nobody_reads_is_dropped_from_the_oldest_on_and_told(caplog: pytest
         assert two.dropped == 3
         assert two.receive(0.0) == sent[3]
     assert [record.message for record in caplog.records] == [
-        "no client reads the datagrams of system 2; its oldest ones are dropped"
+        "no client reads the datagrams of system 2; dropping the oldest ones"
     ]
 
 

@@ -46,7 +46,7 @@ def test_a_peer_that_goes_away_is_one_clear_error_after_what_it_had_sent() -> No
         ground.close()
         assert received(vehicle, 1) == frames(1)
         with pytest.raises(
-            LinkError, match=r"TCP 127\.0\.0\.1:\d+ is gone: it closed the connection; open the link again"
+            LinkError, match=r"TCP 127\.0\.0\.1:\d+ was lost: the other side closed the connection; open the link again"
         ):
             vehicle.receive(PATIENCE_S)
         for use in (lambda: vehicle.receive(0.0), lambda: vehicle.send(frames(1)[0])):
@@ -60,12 +60,12 @@ def test_a_peer_that_breaks_off_is_the_same_error() -> None:
         peer, _ = server.accept()
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\0\0\0\0\0\0\0")  # close by a reset
         peer.close()
-        with link, pytest.raises(LinkError, match="is gone: Connection reset"):
+        with link, pytest.raises(LinkError, match="lost: Connection reset"):
             link.receive(PATIENCE_S)
         again = connect_tcp("127.0.0.1", server.getsockname()[1])
         peer, _ = server.accept()
         peer.close()
-        with again, pytest.raises(LinkError, match=r"TCP .* is gone: (Broken pipe|Connection reset)"):
+        with again, pytest.raises(LinkError, match=r"TCP .* was lost: (Broken pipe|Connection reset)"):
             _send_without_end(again)
 
 
@@ -90,7 +90,7 @@ def test_a_listening_link_goes_on_with_the_next_who_connects(caplog: pytest.LogC
         assert ground.framing == FramingCounts(5, 0, 0)
     said = [record.getMessage() for record in caplog.records]
     assert len([line for line in said if "has connected" in line]) == 2
-    assert len([line for line in said if "is gone: it closed the connection" in line]) == 1
+    assert len([line for line in said if "was lost: the other side closed the connection" in line]) == 1
 
 
 def test_several_who_connect_hear_everything_and_are_all_heard() -> None:
@@ -139,24 +139,26 @@ def test_more_than_so_many_are_turned_away(caplog: pytest.LogCaptureFixture) -> 
             ground.send(b"")
             assert ground.receive(0.0) is None
         assert len(ground.peers) == MOST_PEERS
-        with pytest.raises(LinkError, match="is gone"):
+        with pytest.raises(LinkError, match="was lost"):
             links[-1].receive(PATIENCE_S)
         for link in links:
             link.close()
-    assert "is rejected: 16 are connected" in caplog.text
+    assert "because 16 clients are already connected" in caplog.text
 
 
 def test_nobody_there_a_taken_port_an_unknown_host_and_a_closed_link_are_errors() -> None:
     ground = TcpListeningLink()
     port = ground.local_port
-    with pytest.raises(LinkError, match=f"cannot listen on TCP 127.0.0.1:{port}: .*is the port taken"):
+    with pytest.raises(LinkError, match=f"cannot listen on TCP 127.0.0.1:{port}: .*is the port in use"):
         open_link(f"tcpin://127.0.0.1:{port}")
     ground.close()
     ground.close()
     for use in (lambda: ground.receive(0.0), lambda: ground.send(b""), lambda: ground.local_port):
         with pytest.raises(LinkError, match="the link is closed"):
             use()
-    with pytest.raises(LinkError, match=f"cannot connect to TCP 127.0.0.1:{port}: Connection refused; is it on"):
+    with pytest.raises(
+        LinkError, match=f"cannot connect to TCP 127.0.0.1:{port}: Connection refused; is the vehicle switched on"
+    ):
         open_link(f"tcp://127.0.0.1:{port}")
     with pytest.raises(LinkError, match=r"cannot connect to TCP host\.invalid:5760"):
         open_link("tcp:host.invalid:5760")

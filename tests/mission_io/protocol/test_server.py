@@ -55,7 +55,7 @@ def test_ardupilot_has_no_space_just_after_boot() -> None:
 
 
 def test_a_list_beyond_its_capacity_cannot_be_put_in() -> None:
-    with pytest.raises(MisuseError, match="3 items; the limit of this vehicle is 2"):
+    with pytest.raises(MisuseError, match="the list has 3 items, but this vehicle stores at most 2"):
         MissionServer(PX4, local=VEHICLE, capacity=2).set_items(MissionType.RALLY, items(3))
 
 
