@@ -77,7 +77,7 @@ def test_commas_and_points_in_one_table_are_named():
 def test_a_missing_column_names_the_dialect():
     with pytest.raises(
         FormatError,
-        match="columns are named item, but there must be one; the file was read as columns separated by semicolons, decimal points",
+        match="columns are named item, but there must be one; the file was read as columns separated by semicolons",
     ):
         csv.read_mission("number;command;frame\n1;16;3\n")
 
