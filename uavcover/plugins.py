@@ -47,7 +47,7 @@ def load(group: str, name: str) -> Any:
     """The object of an entry point. Raises InputError: it is not registered, or cannot be loaded."""
     entry = registered(group).get(name)
     if entry is None:
-        raise InputError(f"{name}: this is not installed; {group} has {', '.join(registered(group)) or 'nothing'}")
+        raise InputError(f"{name} is not installed; installed {group}: {', '.join(registered(group)) or 'nothing'}")
     try:
         return entry.load()
     except Exception as error:

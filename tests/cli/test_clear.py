@@ -27,7 +27,7 @@ def test_lists_are_emptied_as_asked(cli: Cli, planned: Path) -> None:
         assert (ended.code, ended.document) == (0, {"cleared": ["fence"]})
         assert held(port) == [mission, 0, rally]
         ended = cli("clear", "--to", url)
-        assert ended.out == "mission: empty, read back\n"
+        assert ended.out == "mission: cleared (read back as empty)\n"
         assert held(port) == [0, 0, rally]
         assert cli("clear", "--to", url, "--type", "all", "--json").document["cleared"] == ["mission", "fence", "rally"]
         assert held(port) == [0, 0, 0]

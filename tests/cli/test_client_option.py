@@ -36,9 +36,9 @@ def test_a_run_is_uploaded_and_flown(cli: Cli, planned: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "telling"),
     [
-        (("--client", "qgc"), "'qgc' is neither native nor mavsdk"),
-        (("--client", "mavsdk", "--signing-key", "some.key"), "MAVSDK does not sign"),
-        (("--client", "mavsdk", "--link", "satellite"), "time-outs are fixed"),
+        (("--client", "qgc"), "must be native or mavsdk, not 'qgc'"),
+        (("--client", "mavsdk", "--signing-key", "some.key"), "MAVSDK cannot sign"),
+        (("--client", "mavsdk", "--link", "satellite"), "timeouts are fixed"),
     ],
 )
 def test_bad_usage(cli: Cli, tmp_path: Path, options: tuple[str, ...], telling: str) -> None:

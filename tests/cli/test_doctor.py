@@ -33,6 +33,6 @@ def test_what_ulog_files_and_serial_links_need(cli: Cli, monkeypatch: pytest.Mon
     assert ended.code == 0, "neither is needed"
     found = {finding["name"]: finding for finding in ended.document["findings"]}
     assert found["pyulog"] == {
-        "name": "pyulog", "ok": False, "needed": False, "text": "needed for .ulg logs of PX4: pip install pyulog (extra ulog)",
+        "name": "pyulog", "ok": False, "needed": False, "text": "required for PX4 logs (.ulg): pip install pyulog (extra ulog)",
     }  # fmt: skip
     assert (found["pyserial"]["ok"], found["pyserial"]["text"]) == (True, "3.5, for serial links")

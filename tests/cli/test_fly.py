@@ -82,8 +82,8 @@ def test_total_link_loss_at_speed_is_found(cli: Cli, planned: Path) -> None:
         ended = cli("fly", planned, "--to", url, "--deadman", 0.5, "--link-lost", 2)
     assert ended.code == 3
     assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "link_lost"
-    assert "no message from vehicle 1 for 2" in ended.err.splitlines()[-1]
-    assert "to the end: link_lost: no message from vehicle 1 for" in ended.out
+    assert "no messages from vehicle 1 for 2" in ended.err.splitlines()[-1]
+    assert "to the end: link_lost: no messages from vehicle 1 for" in ended.out
 
 
 def upload(cli: Cli, run: Path, port: int) -> str:
@@ -121,7 +121,7 @@ def test_second_interrupt_leaves_it_holding(cli: Cli, planned: Path) -> None:
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130, err
-    assert "second stop: the vehicle holds in guided mode, armed and in the air" in out
+    assert "the user stopped the flight a second time: the vehicle holds in guided mode, armed and in the air" in out
     assert len(read_track(planned / "track.csv")) > 10
     assert (planned / "flight.rrd").exists()
 
@@ -136,12 +136,12 @@ def test_vehicle_that_dies_in_flight(cli: Cli, planned: Path) -> None:
             out, err = process.communicate(timeout=WATCHDOG_S)
     assert seen
     assert process.returncode == 3
-    assert "warning: no message from vehicle 1 for 3." in err
+    assert "warning: no messages from vehicle 1 for 3." in err
     document = json.loads(out)
     assert document["exit_code"] == 3
     assert document["ending"] == "link_lost"
     assert [incident["kind"] for incident in document["incidents"]] == ["link_lost"]
-    assert document["error"].startswith("link lost: no message from vehicle 1 for 5")
+    assert document["error"].startswith("link lost: no messages from vehicle 1 for 5")
     assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "link_lost"
     assert len(read_track(planned / "track.csv")) > 10
     assert (planned / "flight.rrd").exists()
@@ -198,7 +198,7 @@ def test_bad_usage(cli: Cli, tmp_path: Path) -> None:
 def test_a_run_of_which_nothing_was_flown_is_not_resumed_on_the_ground(cli: Cli, planned: Path) -> None:
     ended = cli("fly", planned, "--resume", "--to", "mock:")
     assert ended.code == 2
-    assert "the vehicle is on the ground; fly it without --resume" in ended.error
+    assert "the vehicle is on the ground; run fly without --resume" in ended.error
 
 
 def test_a_killed_flight_is_resumed_in_the_air(cli: Cli, planned: Path) -> None:
@@ -224,7 +224,7 @@ def test_a_killed_flight_is_resumed_in_the_air(cli: Cli, planned: Path) -> None:
     assert ended.code == 0, ended.err
     assert ended.document["ending"] == "landed"
     assert ended.document["resumed_at_waypoint"] >= 1
-    assert "the vehicle is in the air: it continues from its position" in ended.err
+    assert "the vehicle is in the air and will continue from its current position" in ended.err
     verdict = cli("verify", planned, "--json")
     assert verdict.document["track"] == "track.csv, resumed-1/track.csv"
     assert verdict.document["coverage_fraction"] > 0.97, verdict.document["reasons"]

@@ -121,7 +121,7 @@ def test_enough_and_small_gaps(cli: Cli, torn: Path) -> None:
     assert nothing["mission"] is None
     reached = cli("gaps", torn, "--target", 0.5, "--force")
     assert reached.code == 0
-    assert "nothing to close" in reached.out
+    assert "no gaps to close" in reached.out
 
 
 def test_an_older_gap_mission_is_not_overwritten(cli: Cli, torn: Path) -> None:

@@ -40,7 +40,7 @@ def test_no_screen_is_told(flown: Path, cli: Cli) -> None:
 def test_pictures_of_moments(cli: Cli, flown: Path, tmp_path: Path) -> None:
     ended = cli("inspect", flown, "--screenshot", tmp_path / "x.png", "--at", "1.5")
     assert ended.code == 2
-    assert "outside 0..1" in ended.error
+    assert "must be between 0 and 1" in ended.error
     early = cli("inspect", flown, "--screenshot", tmp_path / "early.png", "--at", "0.1")
     if "no graphics driver" in early.err:
         pytest.skip("no graphics driver here")

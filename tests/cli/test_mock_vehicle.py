@@ -69,12 +69,12 @@ def test_takes_faults_errors_and_a_log_of_the_truth(tmp_path: Path) -> None:
         (("--listen", "udpin://127.0.0.1:0", "--speed", "0"), "speed"),
         (("--listen", "udpin://127.0.0.1:0", "--loss", "1"), "loss"),
         (("--listen", "udpin://127.0.0.1:0", "--autopilot", "dji"), "--autopilot"),
-        (("--listen", "udpin://127.0.0.1:0", "--behaviour", "rude"), "neither quick nor observed"),
+        (("--listen", "udpin://127.0.0.1:0", "--behaviour", "rude"), "must be quick or observed, not 'rude'"),
         (("--listen", "udpin://127.0.0.1:0", "--gps-noise", "-1"), "must not be negative"),
         (("--listen", "udpin://127.0.0.1:0", "--endurance", "0"), "endurance_s"),
         (("--listen", "udpin://127.0.0.1:0", "--truth", "/no/such/place.csv"), "cannot be written"),
         (("--listen", "udpin://127.0.0.1:0", "--fault", "engine-fire"), "use one of heartbeat-loss"),
-        (("--listen", "udpin://127.0.0.1:0", "--scenario", "paper-R2"), "no position on Earth"),
+        (("--listen", "udpin://127.0.0.1:0", "--scenario", "paper-R2"), "defines no home on Earth"),
     ],
 )
 def test_bad_usage(cli: Cli, arguments: tuple[str, ...], telling: str) -> None:
@@ -88,7 +88,7 @@ def test_port_that_is_taken(cli: Cli) -> None:
         taken.bind(("127.0.0.1", 0))
         ended = cli("mock-vehicle", "--listen", f"udpin://127.0.0.1:{taken.getsockname()[1]}")
     assert ended.code == 3
-    assert "is the port taken?" in ended.error
+    assert "is the port in use?" in ended.error
 
 
 def test_help_names_every_fault(cli: Cli) -> None:

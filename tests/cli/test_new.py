@@ -250,7 +250,7 @@ def test_a_pattern_is_a_scenario_for_each_flight(cli, tennessee, tmp_path, patte
     assert (again.code, "already exists" in again.err) == (2, True)
     planned = cli("plan", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", tmp_path / "run")
     assert planned.code == 2
-    assert f"--pattern: {pattern} is {len(flights)} missions; write their scenarios with uavcover new" in planned.err
+    assert f"--pattern: {pattern} is {len(flights)} missions; create their scenarios with uavcover new" in planned.err
     assert not (tmp_path / "run").exists()
 
 
@@ -319,9 +319,9 @@ def test_plan_takes_an_area_and_leaves_a_scenario_of_its_own(cli, tennessee, tmp
     again = load_scenario(run / "scenario.toml")
     assert again.sensor.side_overlap == 0.5
     assert cli("plan", "jacksboro", "--gsd", "3cm", "-o", tmp_path / "b").error == (
-        "error: jacksboro: is a scenario; --gsd require an area, such as area.kml"
+        "error: jacksboro: this is a scenario; use --gsd with an area, such as area.kml"
     )
-    assert "an area needs --dem dem.tif" in cli("plan", tennessee / "area.kml", "-o", tmp_path / "c").error
+    assert "an area also requires --dem dem.tif" in cli("plan", tennessee / "area.kml", "-o", tmp_path / "c").error
 
 
 def pictures_per_place(site, route_m, every_m, places):

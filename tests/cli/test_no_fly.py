@@ -130,8 +130,8 @@ def test_new_writes_the_file_with_its_reason_and_home_is_outside(cli, tmp_path):
     ("content", "message"),
     [
         (None, "no such file; use one of"),
-        ("hello", "is not OpenAir"),
-        ("AC R\nAN x\nAL high\n", "line 3, zone x: 'high' is not a height"),
+        ("hello", "not an OpenAir file"),
+        ("AC R\nAN x\nAL high\n", "line 3, zone x: 'high' is not a valid height"),
     ],
 )
 def test_a_bad_file_is_one_line(cli, tmp_path, content, message):
@@ -187,8 +187,8 @@ def test_the_time_of_flight_decides_which_zones_count(tmp_path, capsys):
         assert [zone.name for zone in found.other_zones] == ([] if counts else ["fair"])
         say_zones(Output().console(), found, RouteMetrics(1.0, 1.0, 4, 100.0, 10.0, 50.0, 60.0, 10.0))
         out = capsys.readouterr().out
-        assert ("have schedules and count as always active; state the time" in out) == (at is None)
-        assert ("do not count: 'fair'; fly only during this time" in out) == (not counts)
+        assert ("have schedules, but are treated as always active; set" in out) == (at is None)
+        assert ("were ignored: 'fair'; fly only during this time" in out) == (not counts)
         # What the run folder keeps, the judge reads again.
         again = parse_scenario(dump_scenario(found.scenario), source="again", folder=tmp_path)
         assert again == found.scenario
@@ -223,7 +223,10 @@ def test_what_no_scenario_takes_is_one_line(cli, tmp_path):
             ("paper-planar", "--no-fly", tmp_path / "no.json"),
             "error: --no-fly: scenario paper-planar has no position on Earth",
         ),
-        (("jacksboro", "--gsd", "3cm", "--no-fly", "x"), "error: jacksboro: this is a scenario; --gsd require an area"),
+        (
+            ("jacksboro", "--gsd", "3cm", "--no-fly", "x"),
+            "error: jacksboro: this is a scenario; use --gsd only with an area",
+        ),
     ):
         ended = cli("plan", *arguments, "-o", tmp_path / "run")
         assert ended.code == 2

@@ -53,10 +53,10 @@ def test_open_water_has_the_height_that_is_given(cli, tmp_path, west):
     ended = cli(*new)
     assert ended.code == 2
     assert "reaches beyond" in ended.err
-    assert "if it is open water, set its height above sea level with --water-height 0m" in ended.err
+    assert "if the missing part is open water, set its height above sea level with --water-height 0m" in ended.err
     ended = cli(*new, "--water-height", "0m")
     assert ended.code == 0, ended.err
-    assert "counts as open water 0 m above sea level" in ended.err
+    assert "is treated as open water at 0 m above sea level" in ended.err
     scenario = load_scenario(tmp_path / "s.toml")
     assert scenario.terrain.water_height_m == 0.0
     site = load_site(tmp_path / "s.toml")

@@ -19,5 +19,5 @@ def test_the_example_of_the_page_by_the_command(cli: Cli, tmp_path: Path, monkey
     assert document["algorithm"] == "search_of_command_test:MySearch"
     ended = cli(*arguments, "search_of_command_test:Missing", "--force")
     assert ended.code == 2
-    assert "has no Missing: choose one of MySearch" in ended.err
+    assert "has no Missing; choose one of MySearch" in ended.err
     assert json.loads((tmp_path / "run" / "plan.json").read_text()) == document

@@ -10,7 +10,7 @@ def test_table_json_and_picture(cli: Cli, planned: Path, tmp_path: Path) -> None
     *table, legend, bound, following = text.out.splitlines()
     assert len(table) == len(rows) + 1
     assert sum(line.startswith("*") for line in table) == 1
-    assert legend.startswith("* is in plan.json")
+    assert legend.startswith("*: the route in plan.json")
     assert bound.startswith("shortest path for 98.00 %: at least ")
     assert following == f"Next: uavcover select {planned} RULE"
     picture = tmp_path / "front.png"

@@ -175,7 +175,7 @@ def test_two_planners_in_one_folder(cli: Cli, tmp_path: Path) -> None:
         wait_for_line(first, "planning")
         second = cli("plan", tmp_path / "corner.toml", "-o", folder, "--force", "--evaluations", EVALUATIONS, "-q")
         assert second.code == 2
-        assert "another uavcover process uses this folder" in second.error
+        assert "another uavcover process is using this folder" in second.error
         first.send_signal(signal.SIGINT)
         first.communicate(timeout=WATCHDOG_S)
     assert plan_of(folder)["interrupted"] is True
@@ -276,7 +276,7 @@ def test_two_vehicles(cli: Cli, tmp_path: Path) -> None:
     assert fleet == json.loads((run / "plan.json").read_text())["fleet"]
     assert fleet["vehicles"] == 2
     assert "vehicles = 2" in (run / "scenario.toml").read_text()
-    assert "done after " in ended.err
+    assert "completed after " in ended.err
     # Another choice, and the same one again, keep the vehicles.
     assert cli("select", run, "index:0").code == 0
     assert json.loads((run / "plan.json").read_text())["fleet"]["vehicles"] == 2
@@ -285,7 +285,7 @@ def test_two_vehicles(cli: Cli, tmp_path: Path) -> None:
 def test_a_number_of_vehicles_that_cannot_be(cli: Cli, tmp_path: Path) -> None:
     ended = cli("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "run", "--vehicles", 0)
     assert ended.code == 2
-    assert "vehicles: 0 is outside 1..50" in ended.error
+    assert "vehicles: must be between 1 and 50, not 0" in ended.error
     assert not (tmp_path / "run").exists()
 
 
@@ -293,10 +293,10 @@ def test_a_number_of_vehicles_that_cannot_be(cli: Cli, tmp_path: Path) -> None:
 def test_parts_are_a_number_or_auto(cli: Cli, tmp_path: Path, parts: str) -> None:
     result = cli("plan", "jacksboro", "-o", tmp_path / "run", f"--parts={parts}")
     assert result.code == 2
-    assert f"--parts: {parts!r} is neither a number of parts (at least 1) nor auto" in result.err
+    assert f"--parts: must be auto or a number of parts (at least 1), not {parts!r}" in result.err
     assert not (tmp_path / "run").exists()
 
 
 def test_rally_is_home_or_auto(cli: Cli, tmp_path: Path) -> None:
     result = cli("plan", "jacksboro", "-o", tmp_path / "run", "--rally", "everywhere")
-    assert (result.code, "--rally: 'everywhere' is neither auto nor home" in result.err) == (2, True)
+    assert (result.code, "--rally: must be auto or home, not 'everywhere'" in result.err) == (2, True)

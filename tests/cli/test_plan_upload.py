@@ -41,7 +41,7 @@ def test_ctrl_c_when_the_search_is_over_uploads_nothing(
     scenario = corner_of_the_demo(tmp_path)
     ended = cli("plan-upload", scenario, "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS)
     assert ended.code == 130
-    assert "interrupted after the search: the complete plan was written" in ended.err
+    assert "interrupted after the search; the complete plan was written" in ended.err
     assert "nothing was uploaded" in ended.err
     assert (run / "mission.waypoints").exists()
     assert not (run / "upload.json").exists()
@@ -129,7 +129,7 @@ def test_several_vehicles_of_a_plan_for_one(cli: Cli, planned: Path) -> None:
     ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:")
     assert ended.code == 2
     assert (
-        "the plan is for one vehicle, but --to names 2; plan it with: uavcover plan SCENARIO --vehicles 2"
+        "the plan is for one vehicle, but --to is given 2 times; plan again with: uavcover plan SCENARIO --vehicles 2"
         in ended.error
     )
     ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:", "--sortie", 1)
@@ -175,7 +175,7 @@ def test_what_one_vehicle_does_as_soon_is_uploaded_to_one(cli: Cli, tmp_path: Pa
     assert ended.code == 0, ended.err
     fleet = json.loads((run / "plan.json").read_text())["fleet"]
     assert (fleet["vehicles"], len(fleet["by_vehicle"])) == (3, 1)
-    assert "warning: the plan does not need mock:, mock:; nothing is uploaded there" in ended.err
+    assert "warning: the plan does not use mock:, mock:; uploading nothing there" in ended.err
     (told,) = ended.document["vehicles"]
     assert (told["vehicle"], told["sortie"], Path(told["run"])) == (1, 1, run)
     assert (run / "upload.json").exists()

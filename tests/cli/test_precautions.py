@@ -31,7 +31,7 @@ def test_old_parameters_are_on_disk_while_they_are_changed(tmp_path):
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"A": "x"}', '{"A": null}', '{"A": NaN}', '{"": 1.0}', "\x00"])
 def test_a_file_that_cannot_be_read_is_an_error_that_says_what_to_do(tmp_path, text):
     (tmp_path / OLD_LIMITS).write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"limits_before.json: .*set them manually, then remove the file"):
+    with pytest.raises(InputError, match=r"limits_before.json: .*restore them manually, then delete the file"):
         precautions(tmp_path)
 
 
@@ -58,7 +58,7 @@ def test_without_a_terminal_it_needs_yes(tmp_path, monkeypatch, capsys):
 def test_on_breach_knows_four_words():
     assert [options.on_breach(word) for word in ("tell", "hold", "return", "land")] == list(OnBreach)
     assert options.on_breach(None) is None
-    with pytest.raises(InputError, match="--on-breach: 'fly' is not one of tell, hold, return, land"):
+    with pytest.raises(InputError, match="--on-breach: 'fly' must be tell, hold, return or land"):
         options.on_breach("fly")
 
 

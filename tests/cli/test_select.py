@@ -64,8 +64,8 @@ def test_the_report_of_a_plan_that_was_not_flown_goes_with_its_route(cli: Cli, p
 
 def test_errors_change_nothing(cli: Cli, planned: Path, tmp_path: Path) -> None:
     kept = {path.name: path.read_bytes() for path in planned.iterdir()}
-    assert "is not a rule" in cli("select", planned, "best").error
-    assert "outside the set" in cli("select", planned, "index:999").error
+    assert "unknown rule" in cli("select", planned, "best").error
+    assert "does not exist; the set" in cli("select", planned, "index:999").error
     assert "uavcover plan" in cli("select", tmp_path / "nowhere", "knee").error
     assert {path.name: path.read_bytes() for path in planned.iterdir()} == kept
     (planned / "track.csv").write_text("flown")

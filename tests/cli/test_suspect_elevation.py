@@ -112,7 +112,7 @@ def test_new_asks_and_a_script_must_say_so(cli: Cli, tmp_path: Path, filled, mon
         monkeypatch.setattr("sys.stdin", Terminal(answer))
         ended = cli(*new)
         assert ended.code == code, ended.err
-        assert "check that the ground has this shape [y/N]" in ended.err
+        assert "check that the terrain has this shape [y/N]" in ended.err
     assert tomllib.loads((tmp_path / "s.toml").read_text())["terrain"]["trust_heights"] is True
 
 

@@ -88,7 +88,7 @@ def test_the_named_one_gets_the_mission_and_gives_it_back(cli: Cli, run: Path) -
         assert cli(*arguments_of("download", run, url), "--system", "7", "--component", "1", "-q").code == 0
         assert cli(*arguments_of("clear", run, url), "--system", "7", "-q").code == 0
         ended = cli(*arguments_of("clear", run, url), "--system", "9", "--timeout", "2", "-q")
-    assert (ended.code, "no vehicle with system id 9" in ended.err) == (3, True)
+    assert (ended.code, "no vehicle with system ID 9" in ended.err) == (3, True)
 
 
 @pytest.mark.parametrize("kind", FOREIGN)

@@ -94,11 +94,9 @@ def test_the_trade_off_is_drawn_against_time_where_every_route_has_one(tmp_path:
     without = read_pareto(file)
     baselines = [dataclasses.asdict(b.metrics) for b in plan.baselines]
     assert [row.mission_time_s for row in without] == [None, None]
-    assert trade_off_axis(without, baselines) == TradeOffAxis(
-        "length of the route, km", False, (0.6501, 0.6501), (0.6501,)
-    )
+    assert trade_off_axis(without, baselines) == TradeOffAxis("route length, km", False, (0.6501, 0.6501), (0.6501,))
     timed = [dataclasses.replace(row, mission_time_s=90.0 + row.index) for row in without]
-    assert trade_off_axis(timed, baselines).label == "length of the route, km", "one baseline has no time"
+    assert trade_off_axis(timed, baselines).label == "route length, km", "one baseline has no time"
     baselines[0]["mission_time_s"] = 120.0
     assert trade_off_axis(timed, baselines) == TradeOffAxis("mission time, minutes", True, (1.5, 91 / 60), (2.0,))
     used = [dataclasses.replace(row, mission_energy_hover_s=60.0) for row in timed]

@@ -19,7 +19,7 @@ from uavcover.run.scheduling import workers_of
      "tcp://:8786", "tcp://host:0", "tcp://host:65536", "tcp://host:x", "udp://host:8786", "tcp:host:8786", "LOCAL"],
 )  # fmt: skip
 def test_what_is_no_scheduler_is_refused(text) -> None:
-    with pytest.raises(InputError, match=r"--scheduler: .* is not understood; use local, local:N"):
+    with pytest.raises(InputError, match=r"--scheduler: unknown scheduler .*; use local, local:N"):
         workers_of(text)
 
 
@@ -28,7 +28,7 @@ def test_without_dask_the_error_says_what_to_install(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "dask", None)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(
-        InputError, match=r"--scheduler local:2: this needs Dask: pip install 'uavcover\[cluster\]'"
+        InputError, match=r"--scheduler local:2: requires Dask: pip install 'uavcover\[cluster\]'"
     ) as told:
         workers_of("local:2")
     assert told.value.exit_code == 2

@@ -159,12 +159,12 @@ def test_other_columns_and_another_order_are_read(path):
         (2, "lat_deg", "north", "line 3, lat_deg: 'north' is not a number"),
         (3, "up_m", "nan", "line 4, up_m: 'nan' is not a finite number"),
         (3, "roll_deg", "inf", "line 4, roll_deg: 'inf' is not a finite number"),
-        (3, "time_s", "1.0", "line 4, time_s: 1.0 does not come after"),
+        (3, "time_s", "1.0", "line 4, time_s: 1.0 is not later than"),
         (
             3,
             "time_s",
             repr(10.0 + 1 / 3.0),
-            "line 4, time_s: 10.333333333333334 does not come after 10.333333333333334",
+            r"line 4, time_s: 10\.333333333333334 is not later than the previous 10\.333333333333334",
         ),
         (2, "east_m", "", "line 3, east_m: '' is not a number"),
         (2, "current_waypoint", "", "line 3, current_waypoint: '' is not a number"),
@@ -209,5 +209,5 @@ def test_what_is_no_track_at_all_is_an_error(tmp_path):
     with pytest.raises(TrackError, match="the column time_s is missing"):
         read_track(tmp_path / "empty.csv")
     (tmp_path / "flight.bin").write_bytes(bytes(range(128, 256)))
-    with pytest.raises(TrackError, match="is not text"):
+    with pytest.raises(TrackError, match="not a text file"):
         read_track(tmp_path / "flight.bin")

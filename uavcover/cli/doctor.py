@@ -60,7 +60,7 @@ def _basics() -> Iterator[Diagnosis]:
     )
     yield Diagnosis("cores", True, True, str(os.cpu_count()))
     free = shutil.disk_usage(Path.cwd()).free / 1e9
-    yield Diagnosis("free disk here", free > 0.5, False, f"{free:.1f} GB")
+    yield Diagnosis("free disk space here", free > 0.5, False, f"{free:.1f} GB")
     try:
         with tempfile.TemporaryFile():
             yield Diagnosis("temporary files", True, True, tempfile.gettempdir())
@@ -114,7 +114,7 @@ def _optional() -> Iterator[Diagnosis]:
     }
     yield Diagnosis(
         "screen for inspect", display, False,
-        "there" if display else "none; uavcover inspect --text and --screenshot work without one",
+        "there" if display else "none; uavcover inspect --text and --screenshot do not need one",
     )  # fmt: skip
     vulkan = sys.platform != "linux" or any(Path(p).is_dir() and any(Path(p).iterdir()) for p in _VULKAN)
     yield Diagnosis(
@@ -122,20 +122,20 @@ def _optional() -> Iterator[Diagnosis]:
         "there" if vulkan else "none found; on Debian and Ubuntu: apt install mesa-vulkan-drivers libvulkan1",
     )  # fmt: skip
     for name, purpose, extra in (
-        ("pyulog", ".ulg logs of PX4", "ulog"),
+        ("pyulog", "PX4 logs (.ulg)", "ulog"),
         ("pyserial", "serial links", "serial"),
-        ("pyogrio", "areas in GeoPackage and Shapefile", "gis"),
-        ("anywidget", "the map in notebooks", "jupyter"),
-        ("distributed", "--scheduler: large areas on several processes or machines", "cluster"),
+        ("pyogrio", "GeoPackage and Shapefile areas", "gis"),
+        ("anywidget", "maps in notebooks", "jupyter"),
+        ("distributed", "planning on several processes or machines (--scheduler)", "cluster"),
     ):
         try:
             yield Diagnosis(name, True, False, f"{metadata.version(name)}, for {purpose}")
         except metadata.PackageNotFoundError:
-            yield Diagnosis(name, False, False, f"needed for {purpose}: pip install {name} (extra {extra})")
+            yield Diagnosis(name, False, False, f"required for {purpose}: pip install {name} (extra {extra})")
     for name, variable in (("ArduCopter simulator", "UAVCOVER_ARDUCOPTER"), ("PX4 simulator", "UAVCOVER_PX4")):
         path = os.environ.get(variable)
         ok = path is not None and Path(path).exists()
-        yield Diagnosis(name, ok, False, path if ok and path else f"set {variable} to fly it in sitl_tests")
+        yield Diagnosis(name, ok, False, path if ok and path else f"set {variable} to its path to use it in sitl_tests")
 
 
 _VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")
@@ -143,7 +143,9 @@ _VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")
 
 def doctor(
     output: options.Output,
-    imports: Annotated[bool, typer.Option(help="Import every package instead of only looking it up.")] = True,
+    imports: Annotated[
+        bool, typer.Option(help="Import every package instead of only checking that it is installed.")
+    ] = True,
     compile_ahead: Annotated[
         bool, typer.Option("--compile", help="Compile the numeric kernels now instead of during the first search.")
     ] = False,
@@ -152,7 +154,7 @@ def doctor(
     console = output.console()
     if compile_ahead:
         wall_s = compile_kernels(console)
-        console.say(f"the numeric kernels are compiled ({wall_s:.0f} s)")
+        console.say(f"compiled the numeric kernels ({wall_s:.0f} s)")
         console.result({"compiled": True, "wall_s": wall_s})
         return 0
     findings = examine(try_imports=imports)

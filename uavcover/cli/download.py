@@ -13,10 +13,12 @@ from uavcover.cli import options
 def clear(
     to: options.To,
     *,
-    kind: Annotated[str, typer.Option("--type", help="The list to clear: mission, fence, rally or all.")] = "mission",
+    kind: Annotated[str, typer.Option("--type", help="List to clear: mission, fence, rally or all.")] = "mission",
     vehicle: options.VehicleOptions,
     link: options.LinkKind = "default",
-    in_flight: Annotated[bool, typer.Option("--in-flight", help="Allow the command on an armed vehicle.")] = False,
+    in_flight: Annotated[
+        bool, typer.Option("--in-flight", help="Clear the lists even if the vehicle is armed.")
+    ] = False,
     output: options.Output,
 ) -> int:
     """Clear the mission, fence or rally points on a vehicle, and verify that they are empty."""
@@ -36,7 +38,7 @@ def clear(
             for mission_type in lists:
                 connected.client.clear(mission_type, in_flight=in_flight)
                 cleared.append(mission_type.name.lower())
-                console.say(f"{cleared[-1]}: empty, read back")
+                console.say(f"{cleared[-1]}: cleared (read back as empty)")
         except KeyboardInterrupt:
             left = [t.name.lower() for t in lists if t.name.lower() not in cleared]
             console.warn(f"cleared: {', '.join(cleared) or 'nothing'}; possibly not cleared: {', '.join(left)}")
@@ -52,7 +54,7 @@ def download(
     ],
     *,
     kind: Annotated[
-        str, typer.Option("--type", help="The list to download: mission, fence, rally or all (.plan only).")
+        str, typer.Option("--type", help="List to download: mission, fence, rally or all (.plan only).")
     ] = "mission",
     vehicle: options.TransferOptions,
     force: options.Force = False,
@@ -73,6 +75,6 @@ def download(
         lists = {t: connected.client.download_list(t, progress=bar.count) for t in dict.fromkeys(wanted)}
         text, items = text_of(connected.client, lists, out, kind)
     write_text(out, text)
-    console.say(f"written: {out} ({items} items)")
+    console.say(f"wrote {out} ({items} items)")
     console.result({"file": str(out), "type": kind, "items": items})
     return 0

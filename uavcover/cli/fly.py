@@ -31,7 +31,7 @@ class FlyingVehicle(options.EachVehicleOptions):
 
     client: options.ClientKind = "native"
     mock_speed: Annotated[
-        float, typer.Option(metavar="X", help="Speed of the vehicle of mock:, as a multiple of real time.")
+        float, typer.Option(metavar="X", help="Speed of the mock: vehicle, as a multiple of real time.")
     ] = 20.0
 
 
@@ -44,10 +44,12 @@ class FlightWatch:
         bool, typer.Option("--web", help="Show the flight live on a map in the browser; see uavcover serve.")
     ] = False
     deadman_s: Annotated[
-        float, typer.Option("--deadman", metavar="S", help="Seconds without a position before a warning.")
+        float,
+        typer.Option("--deadman", metavar="S", help="Warn after this many seconds without a vehicle position."),
     ] = 3.0
     link_lost_s: Annotated[
-        float, typer.Option("--link-lost", metavar="S", help="Seconds without any message before the command stops.")
+        float,
+        typer.Option("--link-lost", metavar="S", help="Stop after this many seconds without a vehicle message."),
     ] = 30.0
     on_breach: options.OnBreachAction = None
     require_photos: options.RequirePhotos = False
@@ -56,8 +58,8 @@ class FlightWatch:
         typer.Option(
             "--apply-limits",
             help=(
-                "Set the parameters that the plan needs, and restore the old values after the flight. Asks for "
-                "confirmation unless you add --yes."
+                "Set the parameters that the plan requires, and restore the old values after the flight. Asks for "
+                "confirmation unless --yes is given."
             ),
         ),
     ] = False
@@ -85,8 +87,8 @@ def fly(
         typer.Option(
             "--on-loss",
             help=(
-                "If one of several vehicles is lost: let the others fly its remaining route (share), or plan a "
-                "gap mission (gaps)."
+                "Action if one of several vehicles is lost: share (others fly its remaining route) or gaps (plan a "
+                "gap mission)."
             ),
             metavar="share|gaps",
         ),
@@ -123,13 +125,11 @@ def fly(
     console = output.console()
     if len(links) > 1 and (sortie is not None or older.resume):
         raise InputError(
-            f"{'--resume' if older.resume else '--sortie'}: this option is for one vehicle; use --to once, or omit the option"
+            f"{'--resume' if older.resume else '--sortie'}: this option supports only one vehicle; specify --to "
+            "once, or omit this option"
         )
     if len(links) > 1 and watch.apply_limits:
-        raise InputError(
-            "--apply-limits: this option is for one vehicle; set the parameters of each vehicle before "
-            "they fly together"
-        )
+        raise InputError("--apply-limits supports only one vehicle; set each vehicle's parameters beforehand")
     if len(links) > 1 or on_loss != "share":
         load("uavcover.fleets", "vehicles").check_on_loss(on_loss)
     folder = RunFolder(run) if len(links) > 1 else RunFolder(run).flight(sortie)
@@ -169,7 +169,7 @@ def fly(
     site, planned = read_planned(folder)
     outcome, document = fly_run(folder, site, planned.route, link, console, asked)
     if outcome.ending is Ending.RETURNED and outcome.waypoints_reached < len(planned.route):
-        console.say("the vehicle now has the return mission: use --resume to upload the remaining route")
+        console.say("the vehicle now contains the return mission; use --resume to fly the remaining route")
     console.suggest(*commands_after_flight(folder, outcome.ending, options.words_of(links)))
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
@@ -220,7 +220,7 @@ def precautions_for(
         if not sys.stdin.isatty():
             console.warn("--apply-limits needs a terminal to ask for confirmation: add --yes")
             return False
-        sys.stderr.write("set them? [y/N] ")
+        sys.stderr.write("Set these parameters? [y/N] ")
         sys.stderr.flush()
         return sys.stdin.readline().strip().lower() in ("y", "yes")
 
@@ -242,7 +242,7 @@ def _left_changed(run: "RunFolder") -> dict[str, float]:
         found = {"": math.nan}
     if not all(name and math.isfinite(value) for name, value in found.items()):
         raise InputError(
-            f"{file}: this file of parameters that an earlier flight changed on the vehicle cannot be read; set them "
-            "manually, then remove the file"
+            f"{file}: cannot read this list of parameters that an earlier flight changed on the vehicle; restore "
+            "them manually, then delete the file"
         )
     return found

@@ -112,7 +112,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "pareto": (
             "uavcover.cli.pareto",
-            "list the routes of a plan; select chooses one",
+            "list the routes of a plan; choose another route",
             ("uavcover pareto RUN", "uavcover pareto RUN --plot tradeoff.png"),
         ),
         "select": (
@@ -140,7 +140,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "download": (
             "uavcover.cli.download",
-            "download the mission, fence or rally points; clear",
+            "download or clear the mission, fence or rally points",
             (
                 "uavcover download --from udp:127.0.0.1:14550 -o mission.waypoints",
                 "uavcover download --from tcp:127.0.0.1:5760 --type all -o all.plan",
@@ -168,7 +168,7 @@ _CORE: dict[str, dict[str, Entry]] = {
     "After": {
         "verify": (
             "uavcover.cli.verify",
-            "judge coverage and safety of a flight",
+            "judge the coverage and safety of a flight",
             (
                 "uavcover verify RUN --log flight.bin",
                 "uavcover verify flight.bin --photos DCIM/ --area area.kml --dem dem.tif",

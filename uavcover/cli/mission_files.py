@@ -33,11 +33,12 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tupl
     suffix = file.suffix.lower()
     if suffix in DRAWING_SUFFIXES:
         raise InputError(
-            f"{file}: a {suffix} file contains positions but no mission items; plan with it, or save it as .waypoints"
+            f"{file}: a {suffix} file contains positions but no mission items; use it as an area for planning, or "
+            "save the mission as .waypoints"
         )
     only = ONLY_LIST.get(suffix)
     if only is not None and kind not in {None, only.name.lower()}:
-        raise InputError(f"{file}: a {suffix} file contains a {only.name.lower()}; omit --type {kind}")
+        raise InputError(f"{file}: a {suffix} file contains only a {only.name.lower()} list; omit --type {kind}")
     try:
         read = read_file(file, mission_type=None if kind in {None, "all"} else MissionType[str(kind).upper()])
         contents = read.filled_lists if suffix == ".plan" and kind is None else read.lists
@@ -69,15 +70,15 @@ def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> Non
     try:
         here = client.request_message(HomePosition, timeout_s=3.0)
     except MissionIoError:
-        console.warn("the vehicle does not report its home, so it was not compared with that of the file")
+        console.warn("the vehicle does not report its home, so it was not compared with the home in the file")
         return
     east, north, up = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m).enu_from_geodetic(
         here.lat_deg, here.lon_deg, here.alt_amsl_m
     )[0]
     if max(abs(east), abs(north), abs(up)) > 10.0:
         console.warn(
-            f"the vehicle's home is {math.hypot(east, north):.0f} m from the file's, {abs(up):.0f} m "
-            f"{'above' if up > 0 else 'below'} it; heights above home then differ from those of the file"
+            f"the vehicle's home is {math.hypot(east, north):.0f} m from the home in the file and {abs(up):.0f} m "
+            f"{'above' if up > 0 else 'below'} it; the mission's heights are relative to the vehicle's home"
         )
 
 
@@ -90,14 +91,14 @@ def check_output(out: Path, kind: str, *, force: bool) -> None:
     if kind == "all" and out.suffix != ".plan":
         raise InputError(f"{out}: a .waypoints file contains only one list; use a .plan file for --type all")
     if out.exists() and not force:
-        raise OutputError(f"{out}: this file would be overwritten; use --force, or another name")
+        raise OutputError(f"{out} already exists; use --force to overwrite it, or choose another name")
 
 
 def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path, kind: str) -> tuple[str, int]:
     """The text of a file with the downloaded lists, and how many items it has."""
     mission = lists[MissionType.MISSION]
     if not isinstance(mission, Mission):
-        raise InputError("the vehicle's mission is not valid")
+        raise InputError("the vehicle's mission contains invalid items; upload a valid mission first")
     home = mission.home
     if home is None:
         place = client.request_message(HomePosition)
@@ -105,7 +106,7 @@ def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path,
     mission = Mission(home, mission.items)
     fence, rally = lists.get(MissionType.FENCE, Fence()), lists.get(MissionType.RALLY, RallyPoints())
     if not isinstance(fence, Fence) or not isinstance(rally, RallyPoints):
-        raise InputError("the vehicle's fence or rally points differ from the uploaded lists")
+        raise InputError("the vehicle's fence or rally points contain invalid items; use --type mission")
     if out.suffix == ".plan":
         kept = mission if kind in {"mission", "all"} else Mission(home, ())
         items = len(kept.items) + len(items_from_fence(fence)) + len(items_from_rally(rally))

@@ -32,7 +32,7 @@ class Imitated:
             metavar="NAME",
         ),
     ] = "quadrotor"
-    system: Annotated[int, typer.Option(help="MAVLink system id of the vehicle.", metavar="N", min=1, max=255)] = 1
+    system: Annotated[int, typer.Option(help="MAVLink system ID of the vehicle.", metavar="N", min=1, max=255)] = 1
     scenario: Annotated[str, typer.Option(help="Scenario that defines the home and performance of the vehicle.")] = (
         "jacksboro"
     )
@@ -59,9 +59,7 @@ class Imitated:
         site = load_site(self.scenario)
         place, vehicle = home_of(site), site.scenario.vehicle
         if place is None:
-            raise InputError(
-                f"scenario {self.scenario} has no position on Earth or no home: add --home LAT,LON,ALT_AMSL"
-            )
+            raise InputError(f"scenario {self.scenario} defines no home on Earth; add --home LAT,LON,ALT_AMSL")
         name = autopilot_name(self.autopilot, vehicle.autopilot)
         settings = Settings.for_vehicle(vehicle, name)
         return name, place, replace(config, settings=settings, battery=BatteryData.for_vehicle(vehicle))
@@ -81,14 +79,15 @@ class FlightConditions:
     gps_noise_m: Annotated[
         float, typer.Option("--gps-noise", help="Standard deviation of the position, in metres.")
     ] = 0.0
-    gps_latency_s: Annotated[float, typer.Option("--gps-latency", help="Delay of satellite positions, in seconds.")] = (
-        0.0
-    )
+    gps_latency_s: Annotated[float, typer.Option("--gps-latency", help="Delay of the GNSS position, in seconds.")] = 0.0
     endurance_s: Annotated[
-        float | None, typer.Option("--endurance", help="Hover time of a full battery, in seconds.")
+        float | None, typer.Option("--endurance", help="Hover time on a full battery, in seconds.")
     ] = None
     behaviour: Annotated[
-        str, typer.Option(help="quick: ready after 2 s. observed: same timing and messages as the real autopilots.")
+        str,
+        typer.Option(
+            help="quick: the vehicle is ready after 2 s. observed: timing and messages match the real autopilots."
+        ),
     ] = "quick"
 
     def added_to(self, config: "MockConfig", autopilot: "Autopilot") -> "MockConfig":
@@ -99,10 +98,10 @@ class FlightConditions:
         from uavcover.mock.positioning import GpsError
 
         if not 0.0 < self.speed < float("inf"):
-            raise InputError(f"--speed: {self.speed:g} is not a number above 0")
+            raise InputError(f"--speed: must be greater than 0, not {self.speed:g}")
         ways = {"quick": quick(), "observed": OBSERVED[autopilot.mav_autopilot]}
         if self.behaviour not in ways:
-            raise InputError(f"--behaviour: {self.behaviour!r} is neither quick nor observed")
+            raise InputError(f"--behaviour: must be quick or observed, not {self.behaviour!r}")
         try:
             return replace(
                 config,
@@ -126,7 +125,8 @@ def mock_vehicle(
     imitated: Imitated,
     conditions: FlightConditions,
     truth: Annotated[
-        Path | None, typer.Option(help="CSV file for the true positions.", metavar="FILE.csv", show_default=False)
+        Path | None,
+        typer.Option(help="CSV file to which to write the true positions.", metavar="FILE.csv", show_default=False),
     ] = None,
     fault: Annotated[
         list[str] | None,
@@ -189,11 +189,9 @@ def _place(text: str) -> "GeoPoint":
     try:
         lat_deg, lon_deg, alt_amsl_m = (float(part) for part in text.split(","))
     except ValueError as error:
-        raise InputError(f"--home: {text!r} is not LAT,LON,ALT_AMSL") from error
+        raise InputError(f"--home: expected LAT,LON,ALT_AMSL, not {text!r}") from error
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
-        raise InputError(
-            f"--home: {text!r} is not a position on Earth: write latitude, longitude, altitude above sea level"
-        )
+        raise InputError(f"--home: {text!r} is not on Earth; write latitude, longitude, altitude above sea level")
     return GeoPoint(lat_deg, lon_deg, alt_amsl_m)
 
 

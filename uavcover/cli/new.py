@@ -61,7 +61,7 @@ def new(
     document = say_design(scenarios[0], console)
     estimates = [say_estimate(scenario, console) for scenario in scenarios]
     for file in paths:
-        console.say(f"written: {file}")
+        console.say(f"wrote {file}")
     console.suggest(*(to_paste("plan", file, "-o", file.stem, "--budget", "60s") for file in paths))
     flights = [{"scenario": str(file), **estimate} for file, estimate in zip(paths, estimates, strict=True)]
     console.result({**document, **flights[0], "flights": flights})
@@ -73,9 +73,7 @@ def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
 
     for path in paths:
         if path.exists() and not force:
-            raise OutputError(
-                f"{path}: this file already exists: choose another name with -o, or use --force to replace it"
-            )
+            raise OutputError(f"{path} already exists; use --force to overwrite it, or choose another name with -o")
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:
@@ -93,7 +91,7 @@ def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:
             )
         document["cameras"] = [camera.name for camera in all_cameras()]
     if vehicles:
-        console.say(f"{'vehicle':20}{'in the air':>12}{'usual':>9}{'largest':>9}{'climb':>9}{'descent':>9}  title")
+        console.say(f"{'vehicle':20}{'endurance':>12}{'usual':>9}{'largest':>9}{'climb':>9}{'descent':>9}  title")
         for one in all_vehicles():
             air = "unknown" if one.endurance_s is None else f"{one.endurance_s / 60.0:.0f} min"
             speeds = "".join(

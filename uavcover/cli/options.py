@@ -32,7 +32,7 @@ class Overview(TyperGroup):
                 continue
             title, group = "" if of_group == group else of_group, of_group
             formatter.write(f"{title:10}{name:15}{short}\n")
-        formatter.write("COMMAND --help: options (all have --json, -q, -v); --install-completion\n")
+        formatter.write("COMMAND --help shows its options (all have --json, -q, -v). --install-completion\n")
 
 
 if TYPE_CHECKING:
@@ -48,18 +48,19 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show only warnings a
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show log messages. Use -vv for more.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 ForcePlan = Annotated[
-    bool, typer.Option("--force", help="Replace an existing plan. If it was flown, it moves to RUN/older-N.")
+    bool, typer.Option("--force", help="Replace an existing plan. A flown plan is moved to RUN/older-N.")
 ]
 Autopilot = Annotated[
-    str | None, typer.Option(help="ardupilot or px4; default: that of the scenario.", metavar="ardupilot|px4")
+    str | None,
+    typer.Option(help="Autopilot: ardupilot or px4. Default: the scenario's autopilot.", metavar="ardupilot|px4"),
 ]
-Seed = Annotated[int | None, typer.Option(help="Seed of the random numbers; default: that of the scenario.")]
+Seed = Annotated[int | None, typer.Option(help="Random seed; default: the scenario's seed.")]
 Scheduler = Annotated[
     str | None,
     typer.Option(
         help=(
-            "Distribute the work: local:N starts N worker processes, tcp://HOST:PORT uses a Dask scheduler. "
-            "The result does not depend on it. Requires the extra cluster."
+            "Distribute the work: local:N starts N worker processes, tcp://HOST:PORT uses a Dask scheduler. It does "
+            "not change the result. Requires the extra cluster."
         ),
         metavar="local:N|tcp://HOST:PORT",
     ),
@@ -92,34 +93,32 @@ Logs = Annotated[
     typer.Option(
         "--log",
         "--track",
-        help="Track of the flight: .csv, .rrd, .bin, .tlog, .ulg or .gpx. Can be repeated. Default: RUN/track.csv.",
+        help="Flight track: .csv, .rrd, .bin, .tlog, .ulg or .gpx. Can be repeated. Default: RUN/track.csv.",
     ),
 ]
 LogSystem = Annotated[
     int | None,
-    typer.Option(
-        "--system", help="System id of the vehicle, if a .tlog contains several.", metavar="N", min=1, max=255
-    ),
+    typer.Option("--system", help="System ID of the vehicle, if the .tlog has several.", metavar="N", min=1, max=255),
 ]
 AcceptChanged = Annotated[
     list[str] | None,
     typer.Option(
         "--accept-changed",
         help=(
-            "Judge the flight although this input was changed: scenario, terrain, surface, obstacles, plan, "
-            "mission, track, version, record (run.json) or all. The verdict states it. Can be repeated."
+            "Judge the flight even though this input has changed: scenario, terrain, surface, obstacles, plan, "
+            "mission, track, version, record (run.json) or all. The verdict records the change. Can be repeated."
         ),
         metavar="WHAT",
     ),
 ]
 Sortie = Annotated[
-    int | None, typer.Option("--sortie", help="Number of the sortie, if the plan has several.", metavar="N", min=1)
+    int | None, typer.Option("--sortie", help="Sortie number, if the plan has several sorties.", metavar="N", min=1)
 ]
 Vehicles = Annotated[
     int | None,
     typer.Option(
         "--vehicles",
-        help="Number of equal vehicles that fly at the same time; default: that of the scenario.",
+        help="Number of identical vehicles that fly at the same time; default: the scenario's number.",
         metavar="N",
     ),
 ]
@@ -129,7 +128,7 @@ Timeout = Annotated[
 
 System = Annotated[
     int | None,
-    typer.Option("--system", help="System id of the vehicle, if several share the link.", metavar="N", min=1, max=255),
+    typer.Option("--system", help="System ID of the vehicle, if several share the link.", metavar="N", min=1, max=255),
 ]
 SystemEach = Annotated[
     list[int] | None,
@@ -148,7 +147,7 @@ Component = Annotated[
     int | None,
     typer.Option(
         "--component",
-        help="Component id of the autopilot; default: 1, or the only autopilot.",
+        help="Component ID of the autopilot; default: 1, or that of the only autopilot.",
         metavar="N",
         min=1,
         max=255,
@@ -159,7 +158,7 @@ OwnSystem = Annotated[
     int,
     typer.Option(
         "--own-system",
-        help="MAVLink system id of uavcover. Some vehicles accept only the id of one ground station.",
+        help="MAVLink system ID of uavcover. Some vehicles accept commands from only one system ID.",
         metavar="N",
         min=1,
         max=255,
@@ -196,8 +195,8 @@ RequirePhotos = Annotated[
     typer.Option(
         "--require-photos",
         help=(
-            "Require that the vehicle reports its photos. Otherwise, the flight is not proved. In flight, "
-            "missing reports raise an alarm."
+            "Require photo reports from the vehicle. Without them, the flight is not proved. In flight, a missing "
+            "report raises an alarm."
         ),
     ),
 ]
@@ -357,7 +356,7 @@ def on_breach(text: str | None) -> "OnBreach | None":
         return None
     known = {action.value: action for action in OnBreach}
     if text not in known:
-        raise InputError(f"--on-breach: {text!r} is not one of tell, hold, return, land")
+        raise InputError(f"--on-breach: must be tell, hold, return or land, not {text!r}")
     return known[text]
 
 
@@ -375,7 +374,7 @@ def seconds(text: str | None, *, option: str = "--budget") -> float | None:
     except ValueError:
         value = -1.0
     if not 0.0 < value < float("inf"):
-        raise InputError(f"{option}: {text!r} is not a duration; write it as 30s, 5m or 1h")
+        raise InputError(f"{option}: {text!r} is not a duration; use a format such as 30s, 5m or 1h")
     return value
 
 
@@ -396,7 +395,7 @@ def names(option: str, text: str | None, known: Iterable[str]) -> list[str]:
     asked = listed(text)
     unknown = [name for name in asked if name not in every]
     if unknown or not asked:
-        what = f"unknown: {', '.join(map(repr, unknown))}" if unknown else "the name is missing"
+        what = f"unknown: {', '.join(map(repr, unknown))}" if unknown else "no name is given"
         raise InputError(f"{option}: {what}; choose from {', '.join(every)}")
     return [name for name in every if name in asked]
 
@@ -423,8 +422,8 @@ def client_name(text: str, *, link: str, signed: bool) -> "ClientName":
             return text
         case "mavsdk":
             if signed:
-                raise InputError("--client mavsdk: MAVSDK does not sign; use --client native with --signing-key")
+                raise InputError("--client mavsdk: MAVSDK cannot sign messages; use --client native")
             if link != "default":
-                raise InputError("--client mavsdk: MAVSDK's time-outs are fixed; use --client native with --link")
+                raise InputError("--client mavsdk: MAVSDK's timeouts are fixed; use --client native with --link")
             return text
-    raise InputError(f"--client: {text!r} is neither native nor mavsdk")
+    raise InputError(f"--client: must be native or mavsdk, not {text!r}")

@@ -21,9 +21,8 @@ def select(
         str,
         typer.Argument(
             help=(
-                "Rule that selects the route: weighted[:w1,w2,w3], knee, max-coverage, coverage>=0.95 or "
-                "index:N (a row of `uavcover pareto`). You can add conditions: ,sorties<=N ,vehicles<=N "
-                ",done<=40m."
+                "Rule that selects the route: weighted[:w1,w2,w3], knee, max-coverage, coverage>=0.95 or index:N (a "
+                "row of `uavcover pareto`). Optional conditions: ,sorties<=N ,vehicles<=N ,done<=40m."
             ),
             metavar="RULE",
         ),
@@ -31,7 +30,8 @@ def select(
     *,
     autopilot: options.Autopilot = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace a flown route. It moves to RUN/older-N with its flight.")
+        bool,
+        typer.Option("--force", help="Replace the route even if it was flown. It is moved to RUN/older-N."),
     ] = False,
     output: options.Output,
 ) -> int:
@@ -62,7 +62,7 @@ def select(
     folder = RunFolder(run)
     site, _ = read_planned(folder)
     if autopilot is not None and site.scenario.vehicles:
-        raise InputError("--autopilot: each [[vehicle]] has its own autopilot; omit the option")
+        raise InputError("--autopilot: each [[vehicle]] has its own autopilot; omit this option")
     name = autopilot_name(autopilot, site.scenario.vehicle.autopilot)
     with folder.reserved(flown_in(folder), force=force):
         plan, flights, older = choose(folder, site, rule, autopilot=name, command=sys.argv)
@@ -76,9 +76,7 @@ def select(
     say_fleet(console, fleet)
     say_size(console, plan)
     if not plan.rule_met:
-        console.warn(
-            f"no route meets {plan.rule}; wrote the best one: lower the requirement, or plan with a larger --budget"
-        )
+        console.warn(f"no route meets {plan.rule}; wrote the best one. Lower the requirement, or raise --budget")
     if flights:
         console.suggest(upload_in_words(folder, fleet, len(sorties)))
     console.result(
@@ -95,7 +93,7 @@ def pareto(
     run: Annotated[Path, typer.Argument(help="Run folder with a plan.")],
     *,
     plot: Annotated[
-        Path | None, typer.Option(help="Draw the set to a .png, .svg or .pdf file.", metavar="FILE.png")
+        Path | None, typer.Option(help="Plot the routes to a .png, .svg or .pdf file.", metavar="FILE.png")
     ] = None,
     force: options.Force = False,
     output: options.Output,
@@ -113,7 +111,7 @@ def pareto(
     members = read_pareto(folder.existing("pareto.csv", made_by="uavcover plan"))
     plan = folder.read_json("plan.json", made_by="uavcover plan")
     if plot is not None and plot.exists() and not force:
-        raise OutputError(f"{plot}: this file would be overwritten; use --force, or another name")
+        raise OutputError(f"{plot} already exists; use --force to overwrite it, or choose another name")
     by_energy = plan.get("objective") == "energy" and all(m.mission_energy_hover_s is not None for m in members)
     header = f"{'energy':>9}" if by_energy else ""
     sized = any(member.mission is not None for member in members)
@@ -127,12 +125,13 @@ def pareto(
             f"{_size_in_words(member.mission) if sized else ''}  {member.made_by}"
         )
     console.say(
-        f"* is in plan.json; coverage is of the visible ground{'; energy in seconds of hovering' if by_energy else ''}"
+        f"*: the route in plan.json; coverage: of the visible ground{'; energy: in seconds of hovering' if by_energy else ''}"
         f"{'; done: from the first take-off to the last landing' if sized else ''}"
     )
     if sized and any(member.mission is None for member in members):
         console.say(
-            "-: no flights found, or not computed for a large set; a rule such as max-coverage,sorties<=3 evaluates all routes"
+            "-: no sorties found, or not computed because the set is large; a rule such as max-coverage,sorties<=3 "
+            "evaluates all routes"
         )
     if line := sizes_by_vehicles_in_words((plan.get("mission") or {}).get("by_vehicles", [])):
         console.say(line)
@@ -142,7 +141,7 @@ def pareto(
         from uavcover.report.figures import save_pareto_plot
 
         save_pareto_plot(members, plan, plot)
-        console.say(f"written: {plot}")
+        console.say(f"wrote {plot}")
     console.suggest(to_paste("select", run, "RULE"))
     console.result(
         {

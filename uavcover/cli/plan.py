@@ -23,8 +23,8 @@ class Search:
         str | None,
         typer.Option(
             help=(
-                "memetic, local-search, imodbo, modbo, nsga2, moead, pymoo:NSGA3 or your own module:Class; "
-                "default: that of the scenario."
+                "Algorithm: memetic, local-search, imodbo, modbo, nsga2, moead, pymoo:NSGA3 or your own "
+                "module:Class. Default: the scenario's algorithm."
             )
         ),
     ] = None
@@ -36,12 +36,13 @@ class Search:
     ] = None
     max_waypoints: Annotated[
         int | None,
-        typer.Option(help="Largest number of waypoints of the route, or of nodes if the encoding is waypoints."),
+        typer.Option(help="Maximum number of waypoints of the route, or of nodes if the encoding is waypoints."),
     ] = None
     parts: Annotated[
         str | None,
         typer.Option(
-            help="Divide a large area into N parts, or auto. Default: that of the scenario.", metavar="N|auto"
+            help="Number of parts into which a large area is divided, or auto. Default: the scenario's value.",
+            metavar="N|auto",
         ),
     ] = None
     waypoint_price: Annotated[
@@ -58,28 +59,30 @@ class Search:
         typer.Option(
             help=(
                 "Rule that selects the route: weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N. "
-                "You can add conditions: ,sorties<=N ,vehicles<=N ,done<=40m."
+                "Optional conditions: ,sorties<=N ,vehicles<=N ,done<=40m."
             ),
             metavar="RULE",
         ),
     ] = None
     bounds: Annotated[
         str | None,
-        typer.Option(help="Time to compute bounds after the search, such as 30s: limits that no route can improve on."),
+        typer.Option(
+            help="Time to compute bounds after the search, such as 30s. A bound is a limit that no route can beat."
+        ),
     ] = None
     rally: Annotated[
         str | None,
         typer.Option(
             help=(
-                "auto: propose rally points if the autopilot's own return is unsafe. home: use home only. "
-                "Default: that of the scenario."
+                "Rally points. auto: propose them if the autopilot's own return is unsafe. home: use only home. "
+                "Default: the scenario's value."
             ),
             metavar="auto|home",
         ),
     ] = None
     autopilot: options.Autopilot = None
     vehicles: options.Vehicles = None
-    workers: Annotated[int | None, typer.Option(help="Number of threads. The result does not depend on it.")] = None
+    workers: Annotated[int | None, typer.Option(help="Number of threads. It does not change the result.")] = None
     scheduler: options.Scheduler = None
     memory: Annotated[
         str | None,
@@ -149,7 +152,7 @@ def _parts(text: str | None) -> "int | Literal['auto'] | None":
     if text == "auto":
         return "auto"
     if not (text.isascii() and text.isdigit()) or int(text) < 1:
-        raise InputError(f"--parts: {text!r} is neither a number of parts (at least 1) nor auto")
+        raise InputError(f"--parts: must be auto or a number of parts (at least 1), not {text!r}")
     return int(text)
 
 
@@ -158,7 +161,7 @@ def _rally(text: str | None) -> "Literal['auto', 'home'] | None":
     from uavcover.errors import InputError
 
     if text not in (None, "auto", "home"):
-        raise InputError(f"--rally: {text!r} is neither auto nor home")
+        raise InputError(f"--rally: must be auto or home, not {text!r}")
     return text  # type: ignore[return-value]
 
 
@@ -169,7 +172,7 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
 
     if not is_area_file(source):
         if given := [option for option in survey.given() if option not in ("--no-fly", "--at", "--trust-dem")]:
-            raise InputError(f"{source}: this is a scenario; {', '.join(given)} require an area, such as area.kml")
+            raise InputError(f"{source}: this is a scenario; use {', '.join(given)} with an area, such as area.kml")
         changed = survey.no_fly or survey.at is not None or survey.trust_dem
         return _with_options(source, survey, console) if changed else source
     from uavcover.new.command import new_scenario, say_design, say_estimate
@@ -194,7 +197,7 @@ def _with_options(source: str, survey: SurveyOptions, console: "Console") -> "Si
     more = scenario
     if files := survey.no_fly:
         more = with_no_fly(scenario, files, margin_m=TEXT.no_fly_margin_m)
-        console.say(f"--no-fly: {len(more.no_fly) - len(scenario.no_fly)} zones from {', '.join(files)} are nearby")
+        console.say(f"--no-fly: added {len(more.no_fly) - len(scenario.no_fly)} of the zones in {', '.join(files)}")
     if survey.at is not None:
         more = replace(more, flight_window_utc=flight_window(survey.at, option="--at"))
     if survey.trust_dem and isinstance(more.terrain, RasterTerrain):

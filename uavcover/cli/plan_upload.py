@@ -28,12 +28,10 @@ def upload(
     *,
     kind: Annotated[
         str | None,
-        typer.Option(
-            "--type", help="The list to upload: mission, fence, rally or all; default: the content of the file."
-        ),
+        typer.Option("--type", help="List to upload: mission, fence, rally or all; default: every list in the file."),
     ] = None,
     vehicle: options.TransferOptions,
-    in_flight: Annotated[bool, typer.Option("--in-flight", help="Allow the upload to an armed vehicle.")] = False,
+    in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload even if the vehicle is armed.")] = False,
     as_file: Annotated[
         bool,
         typer.Option(
@@ -54,7 +52,7 @@ def upload(
     contents, remarks = read_contents(file, kind)
     for remark in remarks:
         console.warn(f"{file}: {remark}")
-    console.warn(f"{file}: the terrain was not checked (a mission file has no terrain; plan-upload checks every leg)")
+    console.warn(f"{file}: terrain not checked, because a mission file contains none; plan-upload checks every leg")
     results = []
     home = home_of(contents)
     with connect(at, home=home) as connected:
@@ -95,7 +93,7 @@ def _sent_as_file(
         console.warn(f"{error}; the list was sent item by item")
         return None
     if not result.passed:
-        console.warn("the vehicle read a different list from the file; the list was sent item by item")
+        console.warn("the vehicle's list differs from the uploaded file; the list was sent item by item")
     return result if result.passed else None
 
 
@@ -112,9 +110,10 @@ class Planning:
     """Planning options, for a run without a plan."""
 
     run: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Run folder for the plan; default: named after the scenario.")
+        Path | None,
+        typer.Option("-o", "--out", help="Run folder for the plan; default: a folder named after the scenario."),
     ] = None
-    select: Annotated[str | None, typer.Option(help="Selection rule for the plan.", metavar="RULE")] = None
+    select: Annotated[str | None, typer.Option(help="Rule that selects the route of the plan.", metavar="RULE")] = None
     budget: Annotated[str | None, typer.Option(help="Time limit for planning.")] = None
     evaluations: Annotated[int | None, typer.Option(help="Number of route evaluations during planning.")] = None
     seed: options.Seed = None
@@ -137,7 +136,7 @@ def plan_upload(
     sortie: options.Sortie = None,
     planning: Planning,
     vehicle: EachTransfer,
-    in_flight: Annotated[bool, typer.Option("--in-flight", help="Allow the upload to an armed vehicle.")] = False,
+    in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload even if the vehicle is armed.")] = False,
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:
@@ -195,7 +194,7 @@ def plan_upload(
     folder = folder.flight(sortie)
     site, planned = read_planned(folder)
     document = upload_run(folder, site, planned.route, links[0], console, in_flight=in_flight)
-    console.say(f"written: {folder.file('upload.json')}")
+    console.say(f"wrote {folder.file('upload.json')}")
     if document["passed"]:
         console.suggest(to_paste("fly", folder, *options.words_of(links)))
     console.result({"run": str(folder), **document})

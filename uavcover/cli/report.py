@@ -41,9 +41,9 @@ def inspect(
         console.result({"recording": str(path), "entities": [dataclasses.asdict(row) for row in rows]})
     if screenshot is not None:
         if screenshot.exists() and not force:
-            raise OutputError(f"{screenshot}: this file would be overwritten; use --force, or another name")
+            raise OutputError(f"{screenshot} already exists; use --force to overwrite it, or choose another name")
         viewer.screenshot(path, screenshot, at_share=at)
-        console.say(f"written: {screenshot}")
+        console.say(f"wrote {screenshot}")
     if not text and not output.as_json and screenshot is None:
         viewer.open_viewer(path)
         console.say(f"the viewer shows {path}")
@@ -62,7 +62,9 @@ def report(
     ] = None,
     figures: Annotated[
         Path | None,
-        typer.Option(help="Folder for figures of the ground and routes, from the side and from above.", metavar="DIR"),
+        typer.Option(
+            help="Folder for figures that show the ground and the routes from the side and from above.", metavar="DIR"
+        ),
     ] = None,
     background: Annotated[
         Path | None, typer.Option(help="Your own background map: GeoTIFF or MBTiles.", metavar="FILE")
@@ -79,13 +81,13 @@ def report(
     console = output.console()
     path = RunFolder(run).file(REPORT_FILE) if page is None else page
     if page is not None and path.exists() and not force:
-        raise OutputError(f"{path}: this file would be overwritten; use --force, or another name")
+        raise OutputError(f"{path} already exists; use --force to overwrite it, or choose another name")
     content = save_report(RunFolder(run), path, console, logs=log or [], background=background)
     drawn = [] if figures is None else draw_figures(content, figures, console, force=force)
     judged = None if content.verdict is None else content.verdict.report
     passed, verdict = (None, None) if judged is None else (judged.passed, judged.verdict)
     if show and not _opened(path):
-        console.warn(f"{path}: no browser could be started; open the file yourself")
+        console.warn(f"{path}: cannot start a browser; open the file manually")
     if not show:
         console.suggest(f"open {path} in a browser, or add --open")
     console.result(

@@ -26,17 +26,19 @@ class PhotoOptions:
     ] = None
     geoid_height: Annotated[
         float | None,
-        typer.Option(help="Height of sea level above the ellipsoid, if PROJ has no geoid grid.", metavar="METRES"),
+        typer.Option(
+            help="Height of mean sea level above the ellipsoid, for use if PROJ has no geoid grid.", metavar="METRES"
+        ),
     ] = None
     position_error: Annotated[
-        float, typer.Option(help="Position error of photos that state none.", metavar="METRES")
+        float, typer.Option(help="Position error of photos that do not state one.", metavar="METRES")
     ] = 3.0
-    height_error: Annotated[float, typer.Option(help="Height error of photos that state none.", metavar="METRES")] = (
-        10.0
-    )
-    angle_error: Annotated[float, typer.Option(help="Error of the camera angles in the photos.", metavar="DEGREES")] = (
-        2.0
-    )
+    height_error: Annotated[
+        float, typer.Option(help="Height error of photos that do not state one.", metavar="METRES")
+    ] = 10.0
+    angle_error: Annotated[
+        float, typer.Option(help="Error of the camera angles in the photo metadata.", metavar="DEGREES")
+    ] = 2.0
 
     max_blur: Annotated[
         float | None,
@@ -60,7 +62,7 @@ class PhotoOptions:
             if not 0.0 <= value < 1000.0:
                 raise InputError(f"{option}: {value:g} is out of range; use 0 or more")
         if self.max_blur is not None and not 0.0 < self.max_blur < 1000.0:
-            raise InputError(f"--max-blur: {self.max_blur:g} is out of range; specify pixels, such as 1")
+            raise InputError(f"--max-blur: {self.max_blur:g} is out of range; use pixels above 0, such as 1")
         if self.geoid_height is not None and not abs(self.geoid_height) <= 200.0:
             raise InputError(
                 f"--geoid-height: {self.geoid_height:g} is out of range; it is between -110 and 90 m on Earth"
@@ -99,7 +101,7 @@ class SearchOptions:
         from uavcover.new.detection import curve_named
 
         if self.pod is not None and not 0.0 < self.pod <= 1.0:
-            raise InputError(f"--pod: {self.pod:g} is not a probability above 0 and at most 1")
+            raise InputError(f"--pod: {self.pod:g} is not a probability; specify a value above 0 and at most 1")
         if self.detection is None:
             if self.pod is not None:
                 raise InputError(
@@ -114,10 +116,10 @@ def list_curves(console: "Console") -> int:
     from uavcover.new.detection import all_curves
 
     curves = all_curves()
-    console.say(f"{'curve':20}{'half of the looks find it at':>30}  title")
+    console.say(f"{'curve':20}{'50 % detection at':>30}  title")
     for one in curves:
         console.say(f"{one.name:20}{f'{100.0 * one.half_at_m:.3g} cm per pixel':>30}  {one.title}")
-    console.say("These are examples and rules of thumb; measure your own curve (docs/reference/detection.md)")
+    console.say("These curves are examples and rules of thumb; measure your own (docs/reference/detection.md)")
     console.result({"curves": [one.name for one in curves]})
     return 0
 
@@ -164,8 +166,8 @@ At = Annotated[
     typer.Option(
         "--at",
         help=(
-            "Time of the flight, as START/END or START/2h, such as 2026-07-01T09:00Z/2h. The default "
-            "duration is 2h. No-fly zones that are inactive then do not count."
+            "Time of the flight, as START/END or START/2h, such as 2026-07-01T09:00Z/2h. The default duration is 2h. "
+            "No-fly zones that are inactive during the flight are ignored."
         ),
         metavar="TIME",
     ),
@@ -224,13 +226,13 @@ class SurveyOptions:
         str | None, typer.Option(help="Camera: a name, your own TOML file, or list to show the names.", metavar="NAME")
     ] = None
     gsd: Annotated[
-        str | None, typer.Option(help="Largest ground sample distance, such as 2.5cm.", metavar="LENGTH")
+        str | None, typer.Option(help="Maximum ground sample distance, such as 2.5cm.", metavar="LENGTH")
     ] = None
     overlap: Annotated[
         str | None, typer.Option(help="Forward and side overlap in percent; default: 75/70.", metavar="F/S")
     ] = None
     battery: Annotated[
-        str | None, typer.Option(help="Flight time of a full battery, such as 25min.", metavar="TIME")
+        str | None, typer.Option(help="Flight time on a full battery, such as 25min.", metavar="TIME")
     ] = None
     vehicle: Annotated[
         str | None, typer.Option(help="Vehicle: a name, your own TOML file, or list to show the names.", metavar="NAME")
@@ -242,10 +244,10 @@ class SurveyOptions:
         ),
     ] = None
     max_height: Annotated[
-        str | None, typer.Option(help="Greatest height above ground; default: 120m.", metavar="LENGTH")
+        str | None, typer.Option(help="Maximum height above ground; default: 120m.", metavar="LENGTH")
     ] = None
     speed: Annotated[
-        str | None, typer.Option(help="Ground speed; default: that of the vehicle, or 10m/s.", metavar="SPEED")
+        str | None, typer.Option(help="Ground speed; default: the vehicle's speed, or 10m/s.", metavar="SPEED")
     ] = None
     margin: Annotated[
         str | None,
@@ -254,9 +256,9 @@ class SurveyOptions:
             metavar="LENGTH",
         ),
     ] = None
-    mount: Annotated[
-        str | None, typer.Option(help="Mount of the camera: stabilised (default) or fixed.", metavar="MOUNT")
-    ] = None
+    mount: Annotated[str | None, typer.Option(help="Camera mount: stabilised (default) or fixed.", metavar="MOUNT")] = (
+        None
+    )
     vertical_datum: VerticalDatum = None
     dem_crs: DemCrs = None
     height_unit: HeightUnit = None
@@ -284,8 +286,8 @@ class SurveyOptions:
         typer.Option(
             "--pattern",
             help=(
-                "Flights over the area: single (default), crosshatch (two crossing flights) or oblique (one "
-                "vertical and four tilted flights)."
+                "Flight pattern: single (default), crosshatch (two crossing flights) or oblique (one vertical and "
+                "four tilted flights)."
             ),
             metavar="NAME",
         ),
@@ -299,9 +301,9 @@ class SurveyOptions:
     make_valid: Annotated[
         bool, typer.Option("--make-valid", help="Repair outlines that cross themselves, and close open rings.")
     ] = False
-    swap_axes: Annotated[bool, typer.Option("--swap-axes", help="Read latitude or north first in the area file.")] = (
-        False
-    )
+    swap_axes: Annotated[
+        bool, typer.Option("--swap-axes", help="Read coordinates in the area file as latitude (or north) first.")
+    ] = False
 
     def given(self) -> list[str]:
         """The options that were given."""
@@ -318,7 +320,7 @@ class SurveyOptions:
         from uavcover.scenario.areas.area_file import AreaQuery
 
         if not area.strip():
-            raise InputError("the area: the argument is empty; specify a file, WEST,SOUTH,EAST,NORTH or LAT,LON,RADIUS")
+            raise InputError("area: the argument is empty; specify a file, WEST,SOUTH,EAST,NORTH or LAT,LON,RADIUS")
         options = {field.name: getattr(self, field.name) for field in fields(self)}
         for name, value in options.items():
             texts = value if isinstance(value, list) else [value]

@@ -42,7 +42,7 @@ def gaps(
     from uavcover.run.folder import RunFolder
 
     if start not in list(GapStart):
-        raise InputError(f"--start: {start!r} is neither home nor last")
+        raise InputError(f"--start: must be home or last, not {start!r}")
     console = output.console()
     request = GapRequest(
         logs=logs or (), target=target, min_area_m2=min_area_m2, start=GapStart(start), force=force,
@@ -114,12 +114,10 @@ def verify(
         if given := survey.given():
             raise InputError(f"verify: {given[0]} requires --area; omit it, because {run} defines it")
         if out is not None:
-            raise InputError(
-                "verify: -o requires --area; for a run, omit -o, because the verdict is kept in the run folder"
-            )
+            raise InputError("verify: -o requires --area; for a run, omit -o, which keeps its verdict itself")
     of_photos = loaded("uavcover.evidence").get("photos")
     if of_photos is None and (area is not None or photos):
-        raise InputError("verify: --area and --photos need the extra photos of uavcover, which is not installed")
+        raise InputError("verify: --area and --photos require the photos extra; reinstall uavcover")
     tracks = [*([run] if area and run else []), *(logs or [])]
     evidence = GivenEvidence(tuple(tracks), (), system)
     request: Any = None
@@ -147,9 +145,7 @@ def verify(
             if asked is not None:
                 raise InputError(f"{option}: this option applies only to photos: add --photos")
     if evidence.photos and scheduler is not None:
-        raise InputError(
-            "--scheduler: this option distributes the coverage of a track; omit it if the coverage comes from photos (--photos)"
-        )
+        raise InputError("--scheduler: this option distributes the coverage of a track; omit it with --photos")
     pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
     if of_photos is not None and evidence.photos:
         report = of_photos.verify_evidence(

@@ -37,7 +37,7 @@ def demo(
     ] = Path("out"),
     scenario: Annotated[str, typer.Option(help="Scenario to fly.")] = "jacksboro",
     evaluations: Annotated[
-        int | None, typer.Option(help="Number of route evaluations; default: that of the scenario.")
+        int | None, typer.Option(help="Number of route evaluations; default: the scenario's number.")
     ] = None,
     seed: options.Seed = None,
     autopilot: options.Autopilot = None,
@@ -72,7 +72,7 @@ def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed:
     """
     started = time.monotonic()
     if not 0.0 < speed < math.inf:
-        raise InputError(f"--speed: {speed:g} is not a number above 0")
+        raise InputError(f"--speed: must be greater than 0, not {speed:g}")
     run = RunFolder(request.folder)
     console.say("1 of 4  plan")
     outcome = plan_into(request, console, check_site=require_home)
@@ -115,9 +115,10 @@ def _stage(run: RunFolder, name: str, started_s: float) -> None:
 
 def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: dict[str, Any], wall_s: float) -> None:
     console.say(
-        f"planned {percent(plan['coverage_fraction'])}, flown {percent(verdict['coverage_fraction'])} of the area; between "
-        f"{metres(verdict['min_height_agl_m'])} and {metres(verdict['max_height_agl_m'])} above ground on the route, at least "
-        f"{metres(verdict['min_transit_clearance_m'])} on the transit legs"
+        f"coverage of the area: planned {percent(plan['coverage_fraction'])}, flown "
+        f"{percent(verdict['coverage_fraction'])}; height above ground: {metres(verdict['min_height_agl_m'])} to "
+        f"{metres(verdict['max_height_agl_m'])} on the route, at least {metres(verdict['min_transit_clearance_m'])} "
+        "on the transit legs"
     )
     console.say(
         f"{verdict['verdict'] if verdict['passed'] else verdict['verdict'].upper()} in {wall_s:.0f} s. Open next:"

@@ -39,7 +39,7 @@ _DEAF_TO_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 """A terminal sends Ctrl-C to all processes of a command; who started the workers decides."""
 
 _DASK = r"(dask|distributed)(\.|$)"
-_GOES_ON = "finished work is kept; repeat the command"
+_GOES_ON = "finished work is kept; run the command again"
 
 
 class _TaskError(Exception):
@@ -116,8 +116,8 @@ class DaskWorkers:
             raise error.__cause__ or error from None
         except KilledWorker as error:
             raise UavcoverError(
-                f"{self._where}: a task lost its worker repeatedly (last: {error.last_worker.address}); check its "
-                f"memory; {_GOES_ON}"
+                f"{self._where}: a task lost its worker repeatedly (last: {error.last_worker.address}); check the "
+                f"worker's memory; {_GOES_ON}"
             ) from error
         except (CancelledError, asyncio.CancelledError, CommClosedError, OSError) as error:
             raise UavcoverError(f"{self._where}: the scheduler stopped; {_GOES_ON}") from error
@@ -198,7 +198,7 @@ def _require_same_program(client: Client, where: str) -> None:
         found: dict[str, dict[str, str]] = client.run(program)
     except Exception as error:
         raise InputError(
-            f"{where}: its workers cannot load uavcover ({type(error).__name__}: {error}); install uavcover "
+            f"{where}: the workers cannot import uavcover ({type(error).__name__}: {error}); install uavcover "
             f"{program()['uavcover']} in their environment"
         ) from error
     for worker, theirs in sorted(found.items()):

@@ -147,9 +147,7 @@ def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocum
     """
     version = document.get("schema_version")
     if version != SCHEMA_VERSION:
-        raise InputError(
-            f"{source}: schema_version {version} cannot be read by this version, which supports {SCHEMA_VERSION}"
-        )
+        raise InputError(f"{source}: schema_version {version} is not supported; this uavcover reads {SCHEMA_VERSION}")
     try:
         points = np.array([[w["east_m"], w["north_m"], w["up_m"]] for w in document["waypoints"]], dtype=float)
         metrics = document["metrics"]
@@ -162,7 +160,7 @@ def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocum
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{source}: the file is not a plan ({type(error).__name__}: {error}); create it again with: uavcover plan"
+            f"{source}: cannot read the file as a plan ({type(error).__name__}: {error}); create it again with: uavcover plan"
         ) from error
     if not np.isfinite(points).all():
         raise InputError(

@@ -159,7 +159,7 @@ def _stage(
     place: list[Step] = []
     for source, target in moved.items():
         if os.path.lexists(folder / target):
-            raise FileExistsError(None, "a file exists already", str(folder / target))
+            raise FileExistsError(None, "a file with this name exists", str(folder / target))
         away.append((_AWAY, source, target))
     for number, (name, content) in enumerate(contents.items()):
         new = staged / f"new-{number}"

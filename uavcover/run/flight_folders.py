@@ -54,7 +54,7 @@ def site_for(log: Path, run: RunFolder, site: Site) -> Site:
     for own in vehicle_sites(site):
         if is_alike(own.scenario, scenario):
             return own
-    raise InputError(f"{beside}: the vehicle or home is not one of {run.file('scenario.toml')}; plan again")
+    raise InputError(f"{beside}: its vehicle or home is not in {run.file('scenario.toml')}; plan again")
 
 
 TRACK = "track.csv"

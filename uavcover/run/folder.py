@@ -52,7 +52,7 @@ class RunFolder:
         if not sorties and sortie is None:
             return self
         if not sorties:
-            raise InputError(f"{self.path}: the run is one flight without sorties; omit --sortie")
+            raise InputError(f"{self.path}: this run is a single flight without sorties; omit --sortie")
         if sortie is None or not 1 <= sortie <= len(sorties):
             named = "" if sortie is None else f", not sortie {sortie}"
             raise InputError(
@@ -89,7 +89,8 @@ class RunFolder:
                 there = [name for name in names if self.file(name).exists()]
                 if there and not force:
                     raise OutputError(
-                        f"{self.path}: {', '.join(there)} would be overwritten; use --force, or another folder"
+                        f"{self.path}: this folder already contains {', '.join(there)}; use --force to overwrite, or "
+                        "choose another folder"
                     )
                 with writing(self.path), tempfile.TemporaryFile(dir=self.path):
                     pass  # a folder that cannot be written to is better known before an hour of planning than after
@@ -114,7 +115,7 @@ class RunFolder:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise OutputError(
-                    f"{self.path}: another uavcover process uses this folder; wait for it, or use another folder"
+                    f"{self.path}: another uavcover process is using this folder; wait until it ends, or use another folder"
                 ) from None
             except OSError:
                 pass  # a file system without locks

@@ -130,8 +130,9 @@ def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str]
     if refused:
         words = " ".join(f"--accept-changed {what}" for what in WHATS if any(c.what == what for c in refused))
         raise InputError(
-            f"{run}: not judged, because since planning and flight {'; '.join(map(str, refused))}. Restore it, "
-            f"or accept the change, which the verdict will state, with: {f'{who_accepts} {words}'.strip()}"
+            f"{run}: not judged, because inputs have changed since planning or flight: "
+            f"{'; '.join(map(str, refused))}. Restore them, or accept the changes, which the verdict then records, "
+            f"with: {f'{who_accepts} {words}'.strip()}"
         )
 
 
@@ -152,7 +153,7 @@ def accepted_in(document: dict[str, Any]) -> set[Change]:
 
 def unsealed_in_words(name: str) -> str:
     """Message about a track without a recorded end."""
-    return f"{name}: run.json records no end of the flight, so it is unknown whether the file was changed"
+    return f"{name}: run.json does not record the end of the flight, so the file may have been changed"
 
 
 def _elevation_sources(scenario: Scenario) -> dict[str, TerrainSource]:

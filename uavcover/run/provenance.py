@@ -133,7 +133,7 @@ def read_record(run: RunFolder) -> Record:
         return Record(None, _files(entries), None, (*faults, f"{RUN_FILE} has no record of a plan"))
     plan = entries[planned[-1]]
     if document.get("inputs") != plan["inputs"]:
-        faults.append(f"the inputs of {RUN_FILE} differ from those of its own record")
+        faults.append(f"the inputs in {RUN_FILE} differ from those in its own record")
     inputs = {name: _hash_in(value) for name, value in plan["inputs"].items()}
     return Record(inputs, _files(entries[planned[-1] :]), str(plan.get("uavcover")), tuple(faults))
 
@@ -148,7 +148,7 @@ def _entries(document: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _broken_links(entries: Sequence[dict[str, Any]]) -> list[str]:
     before: list[str | None] = [None, *map(_sha256_of_entry, entries[:-1])]
     return [
-        f"entry {k} of {RUN_FILE} ({entry.get('did')}) does not follow the one before it"
+        f"entry {k} of {RUN_FILE} ({entry.get('did')}) does not follow from the previous entry"
         for k, (entry, expected) in enumerate(zip(entries, before, strict=False), start=1)
         if entry.get("previous_sha256") != expected
     ]
@@ -243,7 +243,7 @@ def note_flying(run: RunFolder) -> None:
 
 def note_interrupted(run: RunFolder) -> None:
     """The flight is not followed any more, and how it goes on is not known; errors as ``note_flying``."""
-    _note(run, {"ending": INTERRUPTED, "vehicle_now": "unknown: it was not followed to the end"})
+    _note(run, {"ending": INTERRUPTED, "vehicle_now": "unknown: uavcover did not follow the flight to its end"})
 
 
 def settled_ending(run: RunFolder) -> str | None:

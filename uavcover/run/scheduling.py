@@ -64,7 +64,7 @@ def workers_of(scheduler: str) -> AbstractContextManager[Workers]:
     if kind in ("tcp", "tls") and rest.startswith("//") and host and _is_number(port) and 1 <= int(port) <= 65535:
         return _cluster(scheduler).remote_workers(scheduler)
     raise InputError(
-        f"--scheduler: {scheduler!r} is not understood; use local, local:N (N worker processes on this machine), or "
+        f"--scheduler: unknown scheduler {scheduler!r}; use local, local:N (N worker processes on this machine), or "
         "tcp://HOST:PORT of a Dask scheduler"
     )
 
@@ -88,4 +88,4 @@ def _cluster(scheduler: str) -> _OpensWorkers:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
             raise
-        raise InputError(f"--scheduler {scheduler}: this needs Dask: pip install 'uavcover[cluster]'") from None
+        raise InputError(f"--scheduler {scheduler}: requires Dask: pip install 'uavcover[cluster]'") from None

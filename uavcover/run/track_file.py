@@ -193,7 +193,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     except OSError as error:
         raise TrackError(f"{path}: the file cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise TrackError(f"{path}: the file is not text; {path.suffix or 'this'} is not a track.csv") from None
+        raise TrackError(f"{path}: this is not a text file; specify a track.csv or a flight log") from None
     warnings: list[str] = []
     cut_off = bool(text) and not text.endswith("\n")
     if cut_off:
@@ -309,9 +309,7 @@ def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str
         values = [_number(path, line, name, row, place) for name, place in places.items()]
         time_s, lat_deg, lon_deg = values[:3]
         if time_s <= before_s:
-            raise TrackError(
-                f"{path}: line {line}, time_s: {time_s!r} does not come after {before_s!r} of the previous line"
-            )
+            raise TrackError(f"{path}: line {line}, time_s: {time_s!r} is not later than the previous {before_s!r}")
         if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
             raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a position on Earth")
         if not values[_WAYPOINT].is_integer():
