@@ -162,9 +162,9 @@ def hold_ends(case: Case) -> Finding:
             on_breach=OnBreach.HOLD,
             plan=lambda plan: replace(plan, volume=_volume(outside_fence_m=outside)),
         )
-    require(any("therefore holds its position" in event for event in case.events), "it did not hold")
+    require(any("now holds its position" in event for event in case.events), "it did not hold")
     require(
-        any("the reason for the hold has ended" in event for event in case.events),
+        any("the reason for the hold is gone" in event for event in case.events),
         f"the hold did not end: {case.events[-1]}",
     )
     return Finding(outcome.ending.key, f"farthest {max(north for _, north, _ in path.enu_m):.0f} m north")

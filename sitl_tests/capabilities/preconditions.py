@@ -39,7 +39,7 @@ def other_station_minded(case: Case) -> Finding:
     """The vehicle listens to another ground station alone."""
     with case.station() as station:
         outcome, _ = fly_mission(case, station, route_mission(case.vehicle.home), upload=False)
-    if outcome.ending is Ending.NOT_ARMED and "a different mission" in case.events[-1]:
+    if outcome.ending is Ending.NOT_ARMED and "differs from the plan" in case.events[-1]:
         return Finding("heard", case.events[-1])
     require(outcome.ending is Ending.NOT_ARMED, f"it ended with {outcome.ending.key}: {case.events[-1]}")
     return Finding("refused", case.events[-1])

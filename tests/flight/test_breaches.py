@@ -87,7 +87,7 @@ def test_hold_holds_and_does_not_wait_for_ever(autopilot, kind):
     scene = scene_of(autopilot)
     outcome, text = failed(scene, BREACHES[kind], OnBreach.HOLD)
     assert outcome.ending is kind
-    assert "it returned along checked legs and landed" in text
+    assert "the vehicle returned along checked legs and landed" in text
     assert not scene.vehicle.armed
     stops = scene.told(EventKind.STOP)
     assert any("holds its position in" in told and "for at most 20 s, then returns" in told for told in stops)
@@ -117,7 +117,7 @@ def test_one_key_ends_the_hold_and_the_same_breach_does_not_hold_again(autopilot
 
     def listen(event: FlightEvent) -> None:
         scene.events.append(event)
-        if "the vehicle therefore holds" in event.text:
+        if "the vehicle now holds" in event.text:
             held.append(event)
             paused[0] = not paused[0]
 
@@ -147,7 +147,7 @@ def test_a_stop_while_it_holds_brings_it_home():
 
     def listen(event: FlightEvent) -> None:
         scene.events.append(event)
-        if "the vehicle therefore holds" in event.text:
+        if "the vehicle now holds" in event.text:
             stops[0] = 1
 
     outcome = flown(scene, BREACHES[Ending.BAND_LEFT], OnBreach.HOLD, on_event=listen, stop=lambda: stops[0])

@@ -81,8 +81,11 @@ def test_home_moved_lower_has_the_way_home_sent_again_with_its_planned_heights(a
     scene = scene_of(autopilot)
     outcome, _ = stopped(scene, lambda scene: second_station(scene, home_at(up=-25.0)))
     [text] = incident_texts(outcome, Ending.HOME_MOVED)
-    since = "at once" if autopilot is PX4 else "from the next item on"
-    assert f"moved 25.0 m lower in flight: {since} the remaining return is flown 25.0 m lower than planned" in text
+    since = "at once" if autopilot is PX4 else "from the next item onwards"
+    assert (
+        f"moved 25.0 m lower in flight: {since}, the vehicle flies the remaining return 25.0 m lower than planned"
+        in text
+    )
     assert "its clearance above the ground changes from " in text
     assert "are required" not in text, "the band is that of the route"
     told = scene.told(EventKind.STOP)
@@ -97,7 +100,7 @@ def test_home_moved_is_only_an_alarm_where_the_user_says_so(autopilot):
     scene = scene_of(autopilot)
     outcome, text = stopped(scene, lambda scene: second_station(scene, home_at(up=-5.0)), on_breach=OnBreach.TELL)
     assert outcome.ending is Ending.HOME_MOVED
-    assert "on its return it landed and disarmed" in text
+    assert "the vehicle returned, landed and disarmed" in text
     assert scene.told(EventKind.STOP).count("uploading the return") == 1
 
 
@@ -127,7 +130,7 @@ def test_home_moved_aside_does_not_change_our_way_home():
     scene = scene_of()
     outcome, _ = stopped(scene, lambda scene: second_station(scene, home_at(north=60.0)))
     assert outcome.ending is Ending.RETURNED
-    assert [text for text in scene.told(EventKind.WARNING) if "the return does not depend on it" in text]
+    assert [text for text in scene.told(EventKind.WARNING) if "this does not affect the return" in text]
     assert scene.told(EventKind.STOP).count("uploading the return") == 1
     assert scene.samples[-1].lat_deg == pytest.approx(HOME.lat_deg, abs=1e-5)
 
@@ -138,7 +141,7 @@ def test_another_mission_on_the_way_home_is_replaced_by_a_new_way_home(autopilot
     outcome, _ = stopped(scene, lambda scene: set_mission(scene, (150.0, -150.0, 30.0), (150.0, -60.0, 30.0)))
     [text] = incident_texts(outcome, Ending.MISSION_CHANGED)
     assert "another station changed the mission" in text
-    assert any("the return is planned again" in one for one in scene.told(EventKind.STOP))
+    assert any("planning the return again" in one for one in scene.told(EventKind.STOP))
     assert outcome.ending is Ending.RETURNED
     assert scene.samples[-1].lat_deg == pytest.approx(HOME.lat_deg, abs=1e-5)
 
@@ -162,7 +165,7 @@ def test_a_station_that_sends_its_mission_again_and_again_ends_in_a_hold():
 
     outcome, _ = stopped(scene, meddle)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "the return was disturbed 3 times; last, " in scene.told(EventKind.STOP)[-1]
+    assert "the return was interrupted 3 times, most recently because " in scene.told(EventKind.STOP)[-1]
 
 
 @pytest.mark.parametrize(
@@ -170,7 +173,7 @@ def test_a_station_that_sends_its_mission_again_and_again_ends_in_a_hold():
     [
         ("MIS_RESTART", 1, None, "MIS_RESTART was changed in flight from 0 to 1"),
         ("FENCE_ALT_MAX", 25, Ending.SETTINGS_CHANGED, "the vehicle would interrupt it"),
-        ("FENCE_MARGIN", 3, None, "the return does not depend on it"),
+        ("FENCE_MARGIN", 3, None, "this does not affect the return"),
     ],
 )
 def test_a_parameter_that_is_changed_on_the_way_home_is_judged_by_it(parameter, value, kind, said):
@@ -213,8 +216,8 @@ def test_a_hold_on_the_way_home_ends_with_the_way_home():
 
     outcome, text = stopped(scene, change, on_breach=OnBreach.HOLD)
     told = scene.told(EventKind.STOP)
-    assert any("then the return is planned again: with Ctrl-C the vehicle continues to hold" in one for one in told)
-    assert any("the return is planned again: another station changed the vehicle's fence" in one for one in told)
+    assert any("then uavcover plans the return again: press Ctrl-C to keep the vehicle holding" in one for one in told)
+    assert any("planning the return again: another station changed the vehicle's fence" in one for one in told)
     assert not scene.vehicle.armed
     assert outcome.ending is Ending.RETURNED, text
     [changed] = [incident for incident in outcome.incidents if incident.kind is Ending.FENCE_CHANGED]

@@ -58,7 +58,7 @@ def test_a_fall_under_power_is_a_crash_that_says_from_where_and_that_it_is_armed
     outcome, text = flown(scene)
     assert outcome.ending is Ending.CRASHED
     assert "fell from" in text
-    assert "it is armed: keep away" in text
+    assert "its motors may start, so keep away" in text
     fall = incident(outcome, Ending.FALLING)
     assert fall.begin_s - scene.vehicle.faults.begun[0].trigger.value < 45.0
     assert scene.vehicle.armed
@@ -132,7 +132,7 @@ def test_a_landing_on_the_reserve_is_no_good_flight(autopilot):
         scene_of(autopilot, "speed-changed:1.5@25s", battery=BatteryData(endurance_s=300.0)), needs=needs
     )
     assert outcome.ending is Ending.RESERVE_USED, text
-    assert "the flight uses its reserve: the" in text
+    assert "the flight is using its battery reserve: the" in text
 
 
 @AUTOPILOTS
@@ -147,8 +147,8 @@ def test_a_hold_ends_when_its_breach_is_over_and_the_mission_goes_on(autopilot):
     outcome, text = flown(scene, around=volume(outside_fence_m=outside))
     assert outcome.ending is Ending.LANDED, text
     stops = scene.told(EventKind.STOP)
-    assert any("the vehicle therefore holds its position" in told for told in stops)
-    assert any("the reason for the hold has ended: the vehicle continues" in told for told in stops)
+    assert any("the vehicle now holds its position" in told for told in stops)
+    assert any("the reason for the hold is gone: the vehicle continues" in told for told in stops)
     assert outcome.waypoints_reached == 4
 
 
@@ -160,7 +160,7 @@ def test_a_hold_that_the_wind_blows_away_is_lost_and_said_so():
         return 5.0 if bad[0] < scene.vehicle.powered_s < bad[1] else 0.0
 
     outcome, _ = flown(scene, around=volume(outside_fence_m=outside), timeouts=FlightTimeouts(held_s=120.0))
-    assert "does not hold its position" in incident(outcome, Ending.HOLD_LOST).text
+    assert "from its hold position" in incident(outcome, Ending.HOLD_LOST).text
 
 
 def taken_and_given_back(scene, away_m, **options):

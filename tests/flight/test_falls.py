@@ -41,7 +41,7 @@ def test_a_forced_disarm_in_the_air_is_a_crash_with_its_height(autopilot, seed):
     heights_m = true_height_m(scene)
     outcome, text = ended(scene)
     assert outcome.ending is Ending.CRASHED
-    told = re.search(r"disarmed (\d+) m above (home|the ground), and sank at", text)
+    told = re.search(r"disarmed (\d+) m above (home|the ground), descending at", text)
     assert told is not None, text
     assert float(told[1]) == pytest.approx(heights_m[0], abs=2.0)
     assert "it landed" not in text
@@ -82,7 +82,7 @@ def test_a_fall_after_a_pilot_took_over_is_a_crash_and_both_are_told():
     scene = faulty_scene(PX4, "pilot-mode@20s", "force-disarm@35s")
     outcome, text = ended(scene)
     assert outcome.ending is Ending.CRASHED
-    assert "no failsafe is reported: a pilot or another ground station changed the mode" in text
+    assert "no failsafe was reported, so a pilot or another ground station changed the mode" in text
 
 
 def test_a_vehicle_that_falls_is_not_told_to_disarm(monkeypatch):

@@ -34,7 +34,13 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
 @pytest.mark.parametrize(
     ("autopilot", "fault", "ending", "says", "now"),
     [
-        (ARDUPILOT, "heartbeat-loss@30s", "HEARTBEAT_LOST", "it is on the ground and may be armed", "on the ground"),
+        (
+            ARDUPILOT,
+            "heartbeat-loss@30s",
+            "HEARTBEAT_LOST",
+            "the vehicle is on the ground and may be armed",
+            "on the ground",
+        ),
         (
             ARDUPILOT,
             "gps-loss@30s",
@@ -55,28 +61,28 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
             PX4,
             "pilot-mode@30s",
             "PILOT_TOOK_OVER",
-            "hold mode: no failsafe is reported: a pilot or another ground station changed the mode",
+            "hold mode: no failsafe was reported, so a pilot or another ground station changed the mode",
             "in the air, armed, in hold mode",
         ),
         (
             ARDUPILOT,
             "pilot-mode:land@30s",
             "PILOT_TOOK_OVER",
-            "no failsafe is reported: a pilot or another ground station changed the mode",
+            "no failsafe was reported, so a pilot or another ground station changed the mode",
             "disarmed, in land mode",
         ),
         (
             PX4,
             "reboot@30s",
             "RESTARTED",
-            "restarted: its clock started again",
+            "restarted: its clock was reset",
             "on the ground, disarmed, in manual mode",
         ),
         (
             ARDUPILOT,
             "link-outage:40@20s",
             "LINK_LOST",
-            "link lost: no message from vehicle 1 for 30",
+            "link lost: no messages from vehicle 1 for 30",
             "last heard 30 s ago: ",
         ),
         (
@@ -141,7 +147,7 @@ def test_wind_above_its_limits_blows_it_away_and_the_track_goes_to_the_end():
     assert "off the planned leg to item 4" in text
     assert any("leans by" in sign for sign in outcome.incidents[0].evidence)
     assert "disarmed " in text
-    assert "m above home, and sank at" in text
+    assert "m above home, descending at" in text
     assert scene.samples[-1].time_s >= scene.vehicle.time_s - 5.0
 
 
@@ -151,7 +157,10 @@ def test_the_record_of_a_changed_mission_names_no_planned_waypoints():
     [changed] = [incident for incident in outcome.incidents if incident.kind is Ending.MISSION_CHANGED]
     assert changed.begin_s is not None
     assert {s.current_waypoint for s in scene.samples if s.time_s > changed.begin_s + 0.2} == {-1}
-    assert any("of its mission count is 8, planned is 9" in text for text in scene.told(EventKind.WARNING))
+    assert any(
+        "further change to the vehicle's mission: count is 8, planned is 9" in text
+        for text in scene.told(EventKind.WARNING)
+    )
 
 
 def test_a_jump_by_another_ground_station_passes_no_waypoints():
@@ -174,7 +183,7 @@ def test_going_back_to_the_mission_goes_on_with_the_flight():
 
     def give_back(event) -> None:
         scene.events.append(event)
-        if "no failsafe is reported: a pilot or another ground station changed the mode" in event.text and next(
+        if "no failsafe was reported, so a pilot or another ground station changed the mode" in event.text and next(
             mission_again, False
         ):
             scene.vehicle.control.start_mission()
@@ -191,8 +200,11 @@ def test_a_stop_does_not_fight_the_pilot():
     outcome, text = ended(scene, stop=lambda: sum((scene.monitor.time_s or 0.0) > at_s for at_s in (32.0, 40.0)))
     assert outcome.ending is Ending.PILOT_TOOK_OVER
     assert 40.0 <= scene.samples[-1].time_s < 42.0, "the first stop does not end the record"
-    assert any("recording continues until it is on the ground" in said for said in scene.told(EventKind.STOP))
-    assert "the flight is no longer followed: the pilot or station that controls the vehicle is in charge" in text
+    assert any("recording continues until the vehicle is on the ground" in said for said in scene.told(EventKind.STOP))
+    assert (
+        "uavcover no longer follows the flight: the pilot or station that controls the vehicle remains in control"
+        in text
+    )
     assert scene.vehicle.armed
     assert outcome.vehicle_now.startswith("in the air, armed, in guided mode")
 
@@ -245,7 +257,7 @@ def test_an_empty_battery_on_the_way_home_is_no_return():
 
     outcome, text = ended(scene, stop=lambda: int((scene.monitor.time_s or 0.0) > 35.0), on_event=drain)
     assert outcome.ending is Ending.CRASHED
-    assert "m above home, and sank at" in text
+    assert "m above home, descending at" in text
     assert "on its return; the vehicle reports:" in text
 
 

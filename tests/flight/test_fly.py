@@ -189,12 +189,12 @@ def test_terrain_at_another_height_than_home_is_refused(higher_m, message):
 def test_another_mission_in_the_vehicle_is_refused():
     scene = make_scene()
     scene.upload(mission(speed_m_s=5.0))
-    refused(scene, r"the vehicle has a different mission \(param2 in item 2")
+    refused(scene, r"the mission on the vehicle differs from the plan \(param2 in item 2")
 
 
 def test_an_empty_vehicle_is_refused():
     scene = make_scene()
-    refused(scene, r"the vehicle has a different mission \(count is 0")
+    refused(scene, r"the mission on the vehicle differs from the plan \(count is 0")
 
 
 def test_a_vehicle_that_is_not_ready_says_what_it_lacks():
@@ -220,7 +220,7 @@ def test_refused_arming_has_its_result_and_the_vehicles_reason(autopilot, monkey
 def test_a_vehicle_that_may_be_real_needs_the_users_word(monkeypatch):
     monkeypatch.setattr("uavcover.flight.precautions.MOCK_UID", 42)
     scene = ready_scene()
-    refused(scene, "vehicle 1 may be a real vehicle, and no command")
+    refused(scene, "vehicle 1 may be a real vehicle, so no command")
     assert scene.fly(confirmed=True).simulated_by is None
 
 
@@ -256,7 +256,7 @@ def test_too_few_positions_are_refused(monkeypatch):
     monkeypatch.setattr(MockState, "set_interval", slow)
     refused(
         scene,
-        r"the vehicle sends GlobalPositionInt 1\.9 times a second of vehicle time after 3 requests; following the flight",
+        r"after 3 requests, the vehicle sends GlobalPositionInt 1\.9 times a second of vehicle time, but following the flight",
     )
 
 
@@ -277,12 +277,12 @@ def test_a_lost_link_is_an_error_and_the_record_is_kept():
     scene = make_scene(make_peer=lambda vehicle, speed: Falling(vehicle, speed=speed))
     scene.upload(mission())
     with pytest.raises(
-        FlightFailedError, match=r"link lost: no message from vehicle 1 for 8.*in mission mode"
+        FlightFailedError, match=r"link lost: no messages from vehicle 1 for 8.*in mission mode"
     ) as caught:
         scene.fly(timeouts=FlightTimeouts(link_lost_s=8.0))
     assert caught.value.outcome.ending is Ending.LINK_LOST
     assert caught.value.outcome.sample_count == len(scene.samples)
-    assert "no message from vehicle 1 for 3.0 s; waiting for it up to 8 s" in scene.told(EventKind.WARNING)
+    assert "no messages from vehicle 1 for 3.0 s; waiting up to 8 s" in scene.told(EventKind.WARNING)
     assert scene.samples[-1].time_s == pytest.approx(40.0, abs=0.3)
     assert len(scene.samples) > 200
     assert scene.link.clock.now() < 49.0
@@ -298,7 +298,7 @@ def test_a_mission_that_is_refused_has_the_results_name(monkeypatch):
 def test_a_vehicle_that_does_not_take_off_is_an_error(monkeypatch):
     scene = ready_scene()
     monkeypatch.setattr(FlightControl, "start_mission", lambda _: CommandResult.ACCEPTED)
-    with pytest.raises(VehicleError, match="armed and in mission mode, did not take off within 5 s"):
+    with pytest.raises(VehicleError, match="armed and in mission mode, but did not take off within 5 s"):
         scene.fly(timeouts=FlightTimeouts(start_s=5.0))
 
 
@@ -337,7 +337,7 @@ def test_a_pilot_who_lands_it_early_is_an_error_that_says_how_far_it_came():
             plan_return=way_home,
         )
     assert (
-        "the vehicle changed to land mode: no failsafe is reported: a pilot or another ground station changed the mode"
+        "the vehicle changed to land mode: no failsafe was reported, so a pilot or another ground station changed the mode"
         in scene.told(EventKind.WARNING)
     )
 

@@ -61,7 +61,7 @@ def test_a_vehicle_that_is_set_as_planned_has_a_whole_table_and_no_warning(px4):
     rows = table(px4)
     assert {r.weight for r in rows.values()} <= {Weight.NONE}
     assert set(FINE[px4]) <= set(rows)
-    assert {"flight time", "home above sea level"} <= set(rows)
+    assert {"flight time", "home altitude above sea level"} <= set(rows)
     assert all(row.line.count(" | ") == 3 for row in rows.values())
 
 
@@ -131,9 +131,9 @@ def test_endurance_is_judged_by_the_vehicles_own_values(px4, seed):
 
 @pytest.mark.parametrize(("off_m", "told"), [(2.9, None), (-2.9, None), (3.1, "43.1 to 83.1"), (-8.0, "32.0 to 72.0")])
 def test_home_in_height_says_what_it_does_to_the_band(off_m, told):
-    row = table(False, home_off_m=off_m)["home above sea level"]
+    row = table(False, home_off_m=off_m)["home altitude above sea level"]
     assert row.weight is (Weight.NONE if told is None else Weight.WARNING)
-    assert told is None or f"a band of 40 to 80 m becomes {told} m" in row.matters
+    assert told is None or f"a height band of 40 to 80 m becomes {told} m" in row.matters
 
 
 # In a flight.
@@ -195,7 +195,8 @@ def test_a_fence_in_force_that_is_too_low_keeps_it_on_the_ground(autopilot):
     low = {"FENCE_ENABLE": 1.0, "FENCE_ALT_MAX": 60.0} if autopilot is ARDUPILOT else {"GF_MAX_VER_DIST": 60.0}
     scene = scene_with(autopilot, **low)
     with pytest.raises(
-        FlightFailedError, match="the vehicle would interrupt it; the vehicle was not armed: set it, or add --apply"
+        FlightFailedError,
+        match="the vehicle would interrupt it; the vehicle was not armed: set the parameter, or add --apply",
     ) as caught:
         scene.fly(plan=the_plan())
     assert caught.value.outcome.ending is Ending.NOT_ARMED
@@ -252,7 +253,7 @@ def test_what_cannot_be_put_back_is_said_kept_and_put_back_by_the_next_flight(au
 
     def refuse_on_ground(name, value, **options):
         if scene.vehicle.took_off_at_s is not None:
-            raise VehicleSilentError(f"no answer about {name}")
+            raise VehicleSilentError(f"the vehicle did not report the parameter {name}")
         return write(name, value, **options)
 
     scene.client.set_parameter = refuse_on_ground

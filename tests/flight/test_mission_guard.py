@@ -144,7 +144,7 @@ def test_a_mission_that_cannot_be_read_is_told_once_and_tried_again_ever_later()
 
     scene.client.download = refuse
     assert scene.fly(wanted).ending is Ending.LANDED
-    told = [t for t in scene.told(EventKind.WARNING) if "could not be read back in flight: busy" in t]
+    told = [t for t in scene.told(EventKind.WARNING) if "in flight: busy; uavcover keeps trying" in t]
     assert len(told) == len(set(told)) == len(tries) == LISTS
     for times_s in tries.values():
         waits_s = [b - a for a, b in pairwise(times_s)]

@@ -41,7 +41,7 @@ def test_links_of_all_vehicles_in_their_order(tmp_path: Path) -> None:
     assert links_of_scenario(source, [MOCK], sortie=2) == [MOCK]
     for given in ([MOCK], [MOCK] * 3):
         with pytest.raises(
-            InputError, match=rf"--to: the option names {len(given)} vehicles?, but .* lists 2 that differ"
+            InputError, match=rf"--to is given {len(given)} times?, but .* defines 2 different vehicles"
         ):
             links_of_scenario(source, given, sortie=None)
     one = scenario_file(tmp_path, VEHICLE + ONE)
@@ -50,11 +50,9 @@ def test_links_of_all_vehicles_in_their_order(tmp_path: Path) -> None:
 
 def test_a_missing_link_is_named(tmp_path: Path) -> None:
     source = scenario_file(tmp_path, f"[[vehicle]]\n{ONE}[[vehicle]]\n")
-    with pytest.raises(
-        InputError, match=r"--to: the option is missing, and \[\[vehicle\]\] number 2 has no link; use --to for"
-    ):
+    with pytest.raises(InputError, match=r"--to is missing, and \[\[vehicle\]\] number 2 has no link; use --to for"):
         links_of_scenario(source, [], sortie=None)
-    with pytest.raises(InputError, match=r"--to: the option is missing, and \[vehicle\] has no link"):
+    with pytest.raises(InputError, match=r"--to is missing, and \[vehicle\] has no link"):
         links_of_scenario(scenario_file(tmp_path, VEHICLE), [], sortie=None)
     alike = VEHICLE + ONE + "[fleet]\nvehicles = 2\n"
     with pytest.raises(InputError, match=r"\[vehicle\] has one link for 2 vehicles"):
@@ -92,8 +90,8 @@ def test_one_link_with_a_system_for_each_vehicle(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("urls", "systems", "words"),
     [
-        (["udp::1", "udp::2"], [1, 2, 3], "--system: the option is used 3 times, but --to 2 times"),
-        ([], [1, 2], "--system: the option selects vehicles on one link; specify that link with --to"),
+        (["udp::1", "udp::2"], [1, 2, 3], "--system is given 3 times, but --to 2 times"),
+        ([], [1, 2], "--system selects a vehicle on a link; specify the link with --to"),
         (["udp::1"], [4, 4], "--system: 4 at udp::1 is used twice"),
         (["udp::1", "udp::1"], [], "--to: udp::1 is used 2 times; each vehicle needs its own link, or its own --system"),
         (["udp::1", "udp::1"], [3], "--system: 3 at udp::1 is used twice"),
@@ -128,9 +126,12 @@ def test_vehicles_at_one_place() -> None:
             f"[[vehicle]]\n{ONE}system_id = 3\n[[vehicle]]\n{ONE}system_id = 3\nendurance_s = 900.0\n",
             "vehicle.1.system_id: 3 at udpin://127.0.0.1:14550 is already used by vehicle.0",
         ),
-        ("[vehicle]\nsystem_id = 256\n", "system_id: 256 is outside 1..255"),
+        ("[vehicle]\nsystem_id = 256\n", "system_id: must be between 1 and 255, not 256"),
         (f"[[vehicle]]\nlink = 3\n[[vehicle]]\n{OTHER}", "vehicle.0.link: must be text in quotes, not 3"),
-        ('[[vehicle]]\n[[vehicle]]\nlink = "udpin:/127"\n', "vehicle.1.link: 'udpin:/127' has no port"),
+        (
+            '[[vehicle]]\n[[vehicle]]\nlink = "udpin:/127"\n',
+            "vehicle.1.link: 'udpin:/127' does not end in a colon and a port",
+        ),
         ('[[vehicle]]\n[[vehicle]]\nlink = ""\n', "vehicle.1.link: "),
         ('[vehicle]\nlink = "carrier-pigeon://1"\n', "vehicle.link: "),
     ],

@@ -27,7 +27,7 @@ def test_a_vehicle_that_minds_another_station_is_refused_with_what_to_do():
     assert caught.value.outcome.ending is Ending.NOT_ARMED
     text = str(caught.value)
     assert "vehicle 1 sends heartbeats, but does not answer this program (system 255); it may accept only" in text
-    assert "set --own-system to the number in its MAV_GCS_SYSID" in text
+    assert "set --own-system to its MAV_GCS_SYSID" in text
     assert "--yes" not in text
 
 

@@ -106,13 +106,13 @@ ROW = {"names": ["A/100"], "category": "mission", "what": "a", "why": "b"}
     [
         ({"color": "red"}, "unknown key color"),
         ({"category": "weather"}, "category 'weather'"),
-        ({"rule": "= 1"}, "needs a rule and what breaking it means"),
-        ({"rule": "~ 1", "worse": [{"weight": "note", "says": "x"}]}, "'~' compares nothing"),
+        ({"rule": "= 1"}, "must have both rule and worse"),
+        ({"rule": "~ 1", "worse": [{"weight": "note", "says": "x"}]}, "'~' is not a comparison operator"),
         ({"rule": "= wind", "worse": [{"weight": "note", "says": "x"}]}, "unknown fact"),
         ({"rule": "= 1", "if": ["B = 1"], "worse": [{"weight": "note", "says": "x"}]}, "B is neither a key nor a fact"),
         ({"rule": "= 1", "worse": [{"weight": "grave", "says": "x"}]}, "grave"),
         ({"rule": "= 1", "worse": [{"weight": "note", "says": "x", "sets": "a lot"}]}, "neither a number nor a fact"),
-        ({"names": ["A", "A"]}, "appears in two rows"),
+        ({"names": ["A", "A"]}, "this name appears in two rows"),
         ({"planned": "wind"}, "wind is not a fact"),
     ],
 )

@@ -69,15 +69,15 @@ def test_an_undisturbed_flight_has_no_word_of_it():
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "since"), [(ARDUPILOT, "from the next item on"), (PX4, "at once")], ids=["ArduPilot", "PX4"]
+    ("autopilot", "since"), [(ARDUPILOT, "from the next item onwards"), (PX4, "at once")], ids=["ArduPilot", "PX4"]
 )
 def test_home_lower_is_told_with_the_clearance_that_is_left(autopilot, since):
     scene = scene_of(autopilot)
     outcome, text = flown(scene, lambda scene: second_station(scene, home_at(up=-25.0)))
     assert outcome.ending is Ending.HOME_MOVED
     assert "home was moved 25.0 m lower in flight" in text
-    assert f"{since} the remaining mission is flown 25.0 m lower than planned" in text
-    assert "its clearance above the ground changes from 55.0 m to 30.0 m, where 40 m are required" in text
+    assert f"{since}, the vehicle flies the remaining mission 25.0 m lower than planned" in text
+    assert "its clearance above the ground changes from 55.0 m to 30.0 m, where 40 m is required" in text
 
 
 def test_home_higher_and_aside_is_told_by_height_and_by_the_way_home():
@@ -85,7 +85,7 @@ def test_home_higher_and_aside_is_told_by_height_and_by_the_way_home():
     outcome, text = flown(scene, lambda scene: second_station(scene, home_at(north=60.0, up=15.0)))
     assert outcome.ending is Ending.HOME_MOVED
     assert "15.0 m higher and 60 m aside" in text
-    assert "largest height above the ground changes from 70.0 m to 85.0 m, where 80 m are allowed" in text
+    assert "maximum height above the ground changes from 70.0 m to 85.0 m, where 80 m is allowed" in text
     assert "ends at the new home, along an unchecked path" in text
 
 
@@ -153,8 +153,8 @@ def test_the_way_home_that_we_fly_then_has_its_planned_heights(autopilot, up):
         (ARDUPILOT, "RTL_ALT", 1000, Ending.LANDED, "they are predicted again with this height"),
         (ARDUPILOT, "FENCE_ALT_MAX", 60, Ending.SETTINGS_CHANGED, "the mission leaves this fence"),
         (ARDUPILOT, "WPNAV_SPEED", 200, Ending.LANDED, "the mission sets its own speed"),
-        (ARDUPILOT, "FENCE_MARGIN", 3, Ending.LANDED, "the mission does not depend on it"),
-        (PX4, "MPC_YAW_MODE", 5, Ending.LANDED, "the mission does not depend on it"),
+        (ARDUPILOT, "FENCE_MARGIN", 3, Ending.LANDED, "this does not affect the mission"),
+        (PX4, "MPC_YAW_MODE", 5, Ending.LANDED, "this does not affect the mission"),
         (PX4, "GF_MAX_VER_DIST", 60, Ending.SETTINGS_CHANGED, "would interrupt it"),
     ],
 )  # fmt: skip
@@ -217,7 +217,7 @@ def test_a_fence_that_another_station_makes_smaller_is_a_breach(autopilot):
     told = text + " | ".join(incident.text for incident in outcome.incidents)
     assert any(incident.kind is Ending.FENCE_CHANGED for incident in outcome.incidents)
     assert "another station changed the vehicle's fence in flight" in told
-    assert "the remaining mission leads 40 m outside it: an active" in told
+    assert "the remaining mission leads 40 m outside the changed fence; an active" in told
 
 
 def test_rally_points_that_are_changed_are_told_and_do_not_end_the_flight():
@@ -230,7 +230,7 @@ def test_rally_points_that_are_changed_are_told_and_do_not_end_the_flight():
     outcome, _ = flown(scene, change)
     assert outcome.ending is Ending.LANDED
     [changed] = [incident for incident in outcome.incidents if incident.kind is Ending.RALLY_CHANGED]
-    assert "the autopilot's own return may go there, along an unchecked path" in changed.text
+    assert "the autopilot's own return may lead there along an unchecked path" in changed.text
 
 
 def test_a_fence_put_out_of_force_by_command_is_a_breach():
@@ -247,7 +247,7 @@ def test_a_station_with_our_system_id_is_told_once():
         scene.client.peers.take(m.Received(m.Heartbeat(8, 6), 255, 191))
 
     flown(scene, appear)
-    told = [text for text in scene.told(EventKind.WARNING) if "uses the system id of uavcover, 255" in text]
+    told = [text for text in scene.told(EventKind.WARNING) if "uses uavcover's system ID, 255" in text]
     assert len(told) == 1
     assert "--own-system" in told[0]
     assert scene.vehicle.mode is not Mode.GUIDED

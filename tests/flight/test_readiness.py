@@ -172,7 +172,7 @@ def test_what_comes_too_rarely_is_asked_for_three_times_and_refused(
     monkeypatch.setattr(MockState, "set_interval", slow)
     with pytest.raises(
         VehicleError,
-        match=rf"the vehicle sends {kind.__name__} \d.\d times a second .* requires {needs}, so it was not started",
+        match=rf"the vehicle sends {kind.__name__} \d.\d times a second .* requires {needs}; the flight was not started",
     ):
         scene.fly()
     assert asked.count(kind) == 3
@@ -225,7 +225,7 @@ def test_exactly_as_often_as_needed_is_often_enough() -> None:
     assert enough.asked == []
     with pytest.raises(
         VehicleError,
-        match=r"the vehicle sends GlobalPositionInt 4\.0 times a second .* requires 5, so it was not started",
+        match=r"the vehicle sends GlobalPositionInt 4\.0 times a second .* requires 5; the flight was not started",
     ):
         check_telemetry(Telling(GlobalPositionInt=2))
     with pytest.raises(

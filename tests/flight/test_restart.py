@@ -85,7 +85,7 @@ def test_a_vehicle_that_flies_another_item_whatever_it_is_told_is_held(monkeypat
     scene = restarting()
     monkeypatch.setattr(FlightControl, "set_current", lambda *_: CommandResult.ACCEPTED)
     with pytest.raises(
-        FlightFailedError, match="flies to item 3 instead of flying to item 5; it was commanded to hold: set"
+        FlightFailedError, match="flies to item 3 instead of flying to item 5; it was commanded to hold; set"
     ) as failed:
         scene.fly(pause=lambda: 35.0 < (scene.monitor.time_s or 0.0) < 50.0)
     assert failed.value.outcome.ending is Ending.FAILED

@@ -63,7 +63,7 @@ def test_refused_intervals_are_warnings(monkeypatch):
     scene.upload(mission())
     monkeypatch.setitem(mock_commands._HANDLERS, 511, lambda *_: CommandResult.DENIED)
     assert scene.fly().ending is Ending.LANDED
-    assert "Attitude each 0.1 s was answered DENIED" in scene.told(EventKind.WARNING)
+    assert "Attitude every 0.1 s: the vehicle answered DENIED" in scene.told(EventKind.WARNING)
 
 
 def test_a_vehicle_that_stays_armed_after_landing_is_told_to_disarm(monkeypatch):
@@ -79,5 +79,5 @@ def test_a_vehicle_that_refuses_to_disarm_after_landing_is_an_error(monkeypatch)
     monkeypatch.setattr(FlightControl, "disarm", lambda *_, **__: CommandResult.ACCEPTED)
     scene = make_scene()
     scene.upload(mission())
-    with pytest.raises(VehicleError, match="has landed but stays armed"):
+    with pytest.raises(VehicleError, match="has landed but is still armed"):
         scene.fly()

@@ -20,7 +20,7 @@ def test_a_vehicle_that_climbs_slower_than_planned_is_told(autopilot, name):
     told = warnings(autopilot, Settings(climb_m_s=2.5, descent_m_s=5.0), max_climb_m_s=5.0, max_descent_m_s=5.0)
     assert told == [
         f"the vehicle climbs at 2.5 m/s ({name}), but the plan assumes 5 m/s: the flight takes longer than planned; "
-        "plan with the vehicle's speeds, or set the parameter"
+        "plan with the vehicle's speed, or set the parameter"
     ]
 
 

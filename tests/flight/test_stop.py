@@ -52,7 +52,9 @@ def test_twice_leaves_it_holding_and_says_so():
     assert outcome.ending is Ending.LEFT_HOLDING
     assert scene.vehicle.armed
     assert scene.vehicle.mode is Mode.GUIDED
-    assert "second stop: the vehicle holds in guided mode" in scene.told(EventKind.STOP)[-1]
+    assert (
+        "the user stopped the flight a second time: the vehicle holds in guided mode" in scene.told(EventKind.STOP)[-1]
+    )
     before = scene.vehicle.body.point.position_m
     scene.vehicle.advance(scene.vehicle.time_s + 60.0)
     assert scene.vehicle.body.point.position_m == pytest.approx(before, abs=0.5)
@@ -72,7 +74,7 @@ def test_without_a_checked_way_home_it_is_left_holding():
     scene = scene_with_mission()
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=none)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "there is no checked return from here: a ridge is in the way" in scene.told(EventKind.STOP)[-1]
+    assert "no checked return starts at the current position: a ridge is in the way" in scene.told(EventKind.STOP)[-1]
 
 
 def test_a_way_home_that_the_vehicle_does_not_take_leaves_it_holding():
@@ -83,7 +85,7 @@ def test_a_way_home_that_the_vehicle_does_not_take_leaves_it_holding():
 
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=too_long)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "the return could not be uploaded" in scene.told(EventKind.STOP)[-1]
+    assert "cannot upload the return" in scene.told(EventKind.STOP)[-1]
 
 
 def test_before_it_is_ready_nothing_is_armed():
@@ -145,7 +147,9 @@ def test_one_that_must_go_home_and_cannot_is_left_holding():
     def no_way(*_):
         raise InfeasibleError("a hill is in the way")
 
-    with pytest.raises(VehicleError, match="the vehicle holds its position and uses its reserve"):
+    with pytest.raises(
+        VehicleError, match="the vehicle holds its position and is using its battery reserve; take manual control now"
+    ):
         scene.fly(
             clearance=Clearance(must_go_home=lambda: "x" if (scene.monitor.time_s or 0.0) > 35.0 else None),
             plan_return=no_way,

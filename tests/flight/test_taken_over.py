@@ -78,7 +78,7 @@ def test_a_vehicle_that_is_heard_and_not_known_is_an_alarm_that_says_what_is_mis
     outcome, text = flown(scene, on_event=at_waypoint(scene, 1, lambda: scene.link.go_dark(2.5)))
     unknown = [i for i in outcome.incidents if i.kind is Ending.STATE_UNKNOWN]
     assert len(unknown) == 1, text
-    assert "EXTENDED_SYS_STATE is missing; no command is sent until it arrives" in unknown[0].text
+    assert "waiting for EXTENDED_SYS_STATE before sending any command" in unknown[0].text
     assert unknown[0].end_s is not None
     assert outcome.ending is Ending.LANDED, text
     assert sum("state is known again" in told for told in scene.told(EventKind.WARNING)) == 1
@@ -129,7 +129,7 @@ def test_a_failsafe_while_the_way_home_is_planned_keeps_the_vehicle_and_the_reco
     assert witness.against == []
     assert not scene.vehicle.armed, text
     assert outcome.ending is Ending.PILOT_TOOK_OVER
-    assert "it landed and disarmed" in text
+    assert "the vehicle landed and disarmed" in text
 
 
 def test_a_pilot_between_arming_and_the_mission_keeps_the_vehicle():
@@ -157,7 +157,7 @@ def test_the_incident_of_a_link_failsafe_lasts_when_the_link_is_back(autopilot):
     assert "the link was silent for" in taken.text
     assert taken.evidence
     assert "changed to return mode" in text
-    assert sum("sends messages again" in told for told in scene.told(EventKind.WARNING)) == 1
+    assert sum("receiving messages from" in told for told in scene.told(EventKind.WARNING)) == 1
 
 
 @AUTOPILOTS
@@ -183,7 +183,7 @@ def test_a_flight_that_ended_in_the_dark_says_that_it_is_not_known_how():
 
     outcome, text = flown(scene, on_event=at_waypoint(scene, 0, lambda: scene.link.go_dark(80.0)), pause=pause)
     assert outcome.ending is Ending.ENDED_EARLY
-    assert "the events during the silence of 80 s before that are not known" in text
+    assert "events during the preceding 80 s without messages are unknown" in text
 
 
 def test_a_pause_of_this_process_alone_is_no_lost_link():
@@ -235,7 +235,7 @@ def test_a_vehicle_that_a_failsafe_landed_is_not_told_to_disarm(autopilot, monke
     outcome, text = flown(scene, on_event=at_waypoint(scene, 1, land))
     assert witness.steered == []
     assert outcome.ending is Ending.FENCE_BREACHED
-    assert "on the ground and stays armed: the pilot or station that controls it" in text
+    assert "on the ground and still armed; the pilot or station that controls it" in text
 
 
 def test_a_pilot_on_the_ground_after_the_start_is_no_failed_start(monkeypatch):
@@ -261,8 +261,8 @@ def test_a_stop_that_the_vehicle_does_not_hear_ends_no_record(autopilot):
     outcome, text = flown(scene, stop=presses(scene, 35.0), timeouts=FlightTimeouts())
     assert not scene.vehicle.armed, text
     assert outcome.ending is Ending.FAILED
-    assert "the vehicle was followed until it landed and disarmed" in text
-    assert any("the flight is followed anyway" in told for told in scene.told(EventKind.WARNING))
+    assert "uavcover followed the vehicle until it landed and disarmed" in text
+    assert any("uavcover still records the flight" in told for told in scene.told(EventKind.WARNING))
 
 
 @AUTOPILOTS

@@ -78,7 +78,7 @@ def set_parameter(session: Session, name: str, number: float) -> None:
     client = session.client
     known = read_parameters(session, [[name]]).get(name)
     if known is None:
-        raise VehicleSilentError(f"no answer about {name}")
+        raise VehicleSilentError(f"the vehicle did not report the parameter {name}")
     value = round(number) if is_whole(known.param_type) else number
     wire = float_of_value(value, known.param_type, bytewise=_is_px4(session), name=name)
     client.set_parameter(name, wire, param_type=known.param_type, timeout_s=PREPARATION.limit_answer_s)
@@ -110,7 +110,9 @@ class AppliedLimits:
         """Put back what a flight that was killed has left changed."""
         if self._precautions.left_changed:
             self._before = dict(self._precautions.left_changed)
-            self._session.tell(EventKind.STAGE, "an earlier flight left parameters changed; they are being restored")
+            self._session.tell(
+                EventKind.STAGE, "an earlier flight left changed parameters on the vehicle; restoring them"
+            )
             self.put_back()
 
     def check(self, plan: FlightPlan) -> None:
@@ -129,7 +131,7 @@ class AppliedLimits:
                 self._session.tell(EventKind.WARNING, row.sentence)
         refused = next((row for row in self.rows if row.weight is Weight.REFUSED), None)
         if refused is not None:
-            advice = "plan a shorter flight" if not refused.parameter else "set it"
+            advice = "plan a shorter flight" if not refused.parameter else "set the parameter"
             advice += ", or add --apply-limits" if refused.wanted is not None else ""
             raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; the vehicle was not armed: {advice}")
 
@@ -150,7 +152,7 @@ class AppliedLimits:
         why = ""
         for name, number in self._before.items():
             if vehicle.armed and session.monitor.on_ground is not True:
-                left[name], why = number, "the vehicle is in the air and needs them for the remaining flight"
+                left[name], why = number, "the vehicle is in the air and requires them for the remaining flight"
                 continue
             try:
                 set_parameter(session, name, number)
@@ -164,7 +166,7 @@ class AppliedLimits:
                 EventKind.WARNING, f"some parameters on the vehicle remain changed ({why}): {text}", alarm=True
             )
         else:
-            session.tell(EventKind.STAGE, "the vehicle's old parameters are restored")
+            session.tell(EventKind.STAGE, "restored the vehicle's previous parameters")
 
     def _read(self, plan: FlightPlan) -> None:
         session = self._session
@@ -180,7 +182,7 @@ class AppliedLimits:
             if row.shown
         )  # fmt: skip
         if plan.needs is not None:
-            session.tell(EventKind.STAGE, "limits: planned | vehicle | why it matters")
+            session.tell(EventKind.STAGE, "limits: planned | on the vehicle | effect")
             for row in self.rows:
                 session.tell(EventKind.STAGE, row.line)
 
@@ -190,8 +192,8 @@ class AppliedLimits:
         old = numbers(read_parameters(session, [[name] for name in changes]), px4=px4)
         wanted = {name: row.wanted for name, row in changes.items() if row.wanted is not None and name in old}
         text = ", ".join(f"{name} {old[name]:g} -> {number:g}" for name, number in wanted.items())
-        if not self._precautions.agree(f"set for this flight, restored afterwards: {text}"):
-            session.tell(EventKind.WARNING, f"not changed: {text}")
+        if not self._precautions.agree(f"parameters to set for this flight and restore afterwards: {text}"):
+            session.tell(EventKind.WARNING, f"the parameters were not changed: {text}")
             return
         self._before = {name: old[name] for name in wanted}
         self._precautions.keep(self._before)
@@ -199,8 +201,8 @@ class AppliedLimits:
             try:
                 set_parameter(session, name, number)
             except MissionIoError as error:
-                session.tell(EventKind.WARNING, f"{name} could not be set: {error}")
-        session.tell(EventKind.STAGE, f"set for this flight: {text}")
+                session.tell(EventKind.WARNING, f"cannot set the parameter {name}: {error}")
+        session.tell(EventKind.STAGE, f"parameters set for this flight: {text}")
 
 
 _MOST_SAID = 6
@@ -226,9 +228,9 @@ def tell_returns_by(session: Session, returns: OwnReturns, parameters: Mapping[s
 
 def return_warnings(advice: ReturnAdvice) -> list[str]:
     """Unsafe returns, one line for each interval, then the remedy."""
-    found = [f"the vehicle's own return is not safe {words}" for words in advice.sentences[:_MOST_SAID]]
+    found = [f"the autopilot's own return is not safe {words}" for words in advice.sentences[:_MOST_SAID]]
     if len(advice.sentences) > _MOST_SAID:
-        found.append(f"{len(advice.sentences) - _MOST_SAID} more parts of the flight have an unsafe return")
+        found.append(f"{len(advice.sentences) - _MOST_SAID} further parts of the flight also have an unsafe return")
     if found:
         found.append(advice.remedy)
     return found

@@ -50,7 +50,7 @@ def arm_and_start(session: Session) -> None:
     session.wait(
         off_the_ground,
         timeout_s=session.timeouts.start_s,
-        what=lambda: f"the vehicle, armed and in {session.mode_name}, did not take off",
+        what=lambda: f"the vehicle is armed and in {session.mode_name}, but did not take off",
         stops_before=0,
         ending=Ending.NOT_STARTED,
     )
@@ -92,7 +92,8 @@ def continue_mission(session: Session, seq: int | None = None) -> None:
     flies = f"flies to item {item}" if item >= 0 else "does not report its current item"
     raise FlightFaultError(
         Ending.FAILED,
-        f"the vehicle {flies} instead of flying to item {wanted}; it was commanded to hold: set MIS_RESTART to 0",
+        f"the vehicle {flies} instead of flying to item {wanted}; it was commanded to hold; set MIS_RESTART to 0 so "
+        "that missions resume at the current item",
     )
 
 

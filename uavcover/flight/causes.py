@@ -117,10 +117,10 @@ class Causes:
     def take_event(self, event: m.Event) -> None:
         """Take note of an event of PX4."""
         if event.event_id == _PILOT_EVENT:
-            self._pilot = self._sign(Ending.PILOT_TOOK_OVER, "event: a pilot took over using sticks")
+            self._pilot = self._sign(Ending.PILOT_TOOK_OVER, "event: a pilot took over with the sticks")
         place = _FAILSAFE_EVENTS.get(event.event_id)
         if place is not None and (known := _EVENT_CAUSES.get(event.arguments[place])) is not None:
-            self._note(known[0], f"event: failsafe by {known[1]}")
+            self._note(known[0], f"event: failsafe, caused by {known[1]}")
 
     def look(self) -> None:
         """Look at the latest state once."""
@@ -177,13 +177,13 @@ class Causes:
         if self._pilot is not None and self._age_s(self._pilot) <= WATCH.sign_within_s:
             return Cause(Ending.PILOT_TOOK_OVER, self._pilot.text, (str(self._pilot),))
         if state in _CRITICAL_STATES:
-            text = f"its heartbeat reports the state {_CRITICAL_STATES[state]}, without a reason"
+            text = f"the vehicle's heartbeat reports the state {_CRITICAL_STATES[state]}, but no reason was reported"
             return Cause(Ending.FAILSAFE, text, (text,))
         gaps = (f"the link was silent for {self._monitor.gap_s:.0f} s",) if silent else ()
         doubts = (*gaps, *(text for kind, text in incidents.items() if kind not in _NO_CAUSE))
         if doubts:
             return Cause(Ending.TAKEN_OVER, "the cause is unknown", doubts)
-        text = "no failsafe is reported: a pilot or another ground station changed the mode"
+        text = "no failsafe was reported, so a pilot or another ground station changed the mode"
         return Cause(Ending.PILOT_TOOK_OVER, text, (text,))
 
     def _age_s(self, sign: Sign) -> float:
@@ -203,7 +203,7 @@ class Causes:
         speed_m_s = max(math.hypot(p.velocity_north_m_s, p.velocity_east_m_s) for p in (before, here))
         jump_m = math.hypot(north_m, east_m) - 1.5 * speed_m_s * (here.time_boot_s - before.time_boot_s)
         if jump_m > WATCH.jump_m:
-            self._note(Ending.GPS_LOST, f"its position jumped by {jump_m:.0f} m")
+            self._note(Ending.GPS_LOST, f"the vehicle's position jumped by {jump_m:.0f} m")
 
     def _sign(self, cause: Ending, text: str) -> Sign:
         now_s = self._monitor.time_s

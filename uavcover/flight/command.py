@@ -47,8 +47,8 @@ _LEFT_SOMETHING = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.RESERV
 ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN})
 
 _FIRST_STOP = (
-    "stopping: the vehicle holds its position, then returns along checked legs; repeat to keep holding; a third time "
-    "aborts immediately"
+    "stopping: the vehicle holds its position, then returns along checked legs; press Ctrl-C again to keep it "
+    "holding, and a third time to abort immediately"
 )
 
 
@@ -105,9 +105,7 @@ def fly_run(
 def refuse_older_flight(run: RunFolder, options: FlightOptions) -> None:
     """Refuse to replace an older flight without ``--force``. Raises OutputError: it was not."""
     if run.file("track.csv").exists() and not options.force:
-        raise OutputError(
-            f"{run}: the run has the track of a flight; use --resume to continue it, or --force to replace it"
-        )
+        raise OutputError(f"{run}: the run already has a flight; use --resume to continue it, or --force to replace it")
 
 
 def fly_connected(
@@ -162,10 +160,10 @@ def record_flight(
             ended = error.outcome
             _say_incidents(error.outcome, log, user)
             if log.sample_count:
-                user.say(f"kept: {log.sample_count} samples in {run.file('track.csv')}; use fly --resume to continue")
+                user.say(f"kept {log.sample_count} samples in {run.file('track.csv')}; use fly --resume to continue")
             raise
         except KeyboardInterrupt:
-            user.warn("aborted: the vehicle may be armed and in the air; take over now")
+            user.warn("aborted: the vehicle may be armed and in the air; take manual control now")
             if log.begun:
                 provenance.note_interrupted(run)
             raise
@@ -190,7 +188,7 @@ def _say_incidents(outcome: FlightOutcome, log: FlightLog, user: User) -> None:
     """Print what went wrong, ridden out or not, each with its time since the take-off and its evidence."""
     for incident in outcome.incidents:
         begin_s, end_s = (None if at is None else log.flown_s(at) for at in (incident.begin_s, incident.end_s))
-        begin = "before the take-off" if begin_s is None else f"{begin_s:.0f} s"
+        begin = "before take-off" if begin_s is None else f"{begin_s:.0f} s"
         end = "to the end" if incident.end_s is None else f"to {end_s:.0f} s" if end_s is not None else ""
         evidence = "".join(f"; evidence: {sign}" for sign in incident.evidence if sign not in incident.text)
         user.say(f"incident, {begin} {end}: {incident.kind.key}: {incident.text}{evidence}")
@@ -210,7 +208,7 @@ def _seal(run: RunFolder, log: FlightLog, outcome: FlightOutcome | None, options
     try:
         seal_flight(run, samples=log.sample_count, outcome=outcome, command=sys.argv, **more)
     except UavcoverError as error:
-        user.warn(f"{error}; the end of this flight is not recorded, and verify reports this")
+        user.warn(f"{error}; the end of this flight was not recorded, which verify will report")
 
 
 def _keep_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, user: User) -> None:
@@ -240,7 +238,7 @@ def _write_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, u
         )  # fmt: skip
     note_files(run, "record", ["flight.rrd"], command=sys.argv)
     wall_s = time.monotonic() - started
-    user.say(f"recorded: {run.file('track.csv')} and {run.file('flight.rrd')} ({wall_s:.1f} s)")
+    user.say(f"recorded {run.file('track.csv')} and {run.file('flight.rrd')} ({wall_s:.1f} s)")
 
 
 def resume_run(
@@ -266,9 +264,9 @@ def resume_run(
             with connect(to, site) as vehicle:
                 if not is_in_the_air(vehicle):
                     raise InputError(
-                        f"{run}: no part of it was flown, and the vehicle is on the ground; fly it without --resume"
+                        f"{run}: no part of the run was flown, and the vehicle is on the ground; run fly without --resume"
                     )
-                user.say("the vehicle is in the air: it flies the whole run from its current position")
+                user.say("the vehicle is in the air and will fly the whole run from its current position")
                 up_since_s = took_off_s(run)
                 return record_flight(
                     run, site, planned.route, user, vehicle,
@@ -284,7 +282,7 @@ def resume_run(
             save_rest(unfinished, site, command=command)
             with connect(to, site) as vehicle:
                 if is_in_the_air(vehicle):
-                    user.say("the vehicle is in the air: it continues from its position")
+                    user.say("the vehicle is in the air and will continue from its current position")
                     options = replace(options, took_off_s=float(unfinished.track.time_s[0]))
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
                 else:
@@ -341,8 +339,12 @@ def _verify_in_words(run: RunFolder) -> list[str]:
 def _say(unfinished: Unfinished, user: User) -> None:
     count, number = len(unfinished.planned.route), unfinished.broken.waypoint
     if unfinished.complete:
-        user.say(f"all {count} waypoints of {unfinished.flown} are flown; there is nothing to resume")
+        user.say(f"all {count} waypoints of {unfinished.flown} were flown; there is nothing to resume")
         return
-    where = f", {unfinished.broken.flown_m:.0f} m along the leg to it" if unfinished.broken.flown_m > 0.0 else ""
-    user.say(f"{unfinished.flown}: waypoint {number} of {count} is the first that was not flown{where}")
+    where = (
+        f"; the flight ended {unfinished.broken.flown_m:.0f} m along the leg to it"
+        if unfinished.broken.flown_m > 0.0
+        else ""
+    )
+    user.say(f"{unfinished.flown}: the first waypoint that was not flown is {number} of {count}{where}")
     user.say(f"the remaining mission is in {unfinished.folder}")

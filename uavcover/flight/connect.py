@@ -128,7 +128,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
     at = VehicleLink(url=to) if isinstance(to, str) else to
     for name, value in (("timeout", at.timeout_s), ("mock speed", at.mock_speed)):
         if not 0.0 < value < float("inf"):
-            raise InputError(f"{name}: {value:g} is not a number above 0")
+            raise InputError(f"{name}: must be greater than 0, not {value:g}")
     place = home or (None if site is None else home_of(site)) or GeoPoint(0.0, 0.0, 0.0)
     name = "ardupilot" if site is None else site.scenario.vehicle.autopilot
     settings = Settings() if site is None else Settings.for_vehicle(site.scenario.vehicle)
@@ -180,9 +180,7 @@ def require_home(site: Site) -> GeoPoint:
     home = home_of(site)
     if home is None:
         lacks = "position on Earth" if site.frame is None else "[home]"
-        raise InputError(
-            f"scenario {site.scenario.name} has no {lacks}, so there is no mission to fly; add an [origin] and a [home]"
-        )
+        raise InputError(f"scenario {site.scenario.name} has no {lacks}; to fly it, add an [origin] and a [home]")
     return home
 
 
@@ -194,7 +192,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     """
     home = require_home(site)
     if site.frame is None or site.home_m is None:
-        raise InputError(f"scenario {site.scenario.name} has no position on Earth")
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth; add an [origin]")
     ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
     point = np.array([site.home_m[0], site.home_m[1], ground])
     return FlightPlan(

@@ -58,7 +58,7 @@ class Evidence:
         if self._client.heartbeat_age_s > EVIDENCE.old_beat_s:
             return "a heartbeat"
         if self._behind:
-            return f"an answer to the TIMESYNC request (the last one took {self._latest_s:.0f} s)"
+            return f"an answer to the TIMESYNC request (the last answer took {self._latest_s:.0f} s)"
         if self._proved_at_s is None:
             return "an answer to the TIMESYNC request"
         proved_at_s = self._proved_at_s

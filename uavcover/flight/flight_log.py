@@ -173,7 +173,7 @@ class FlightLog:
                     json.dumps({"line": line, "warning": self._warning}), encoding="utf-8"
                 )
         except Exception:  # any error: the flight goes on without the line
-            _log.exception("the line of the flight ended")
+            _log.exception("the flight continued past its last line")
             self._line_at = (math.inf, math.inf)
 
     def flown_s(self, time_s: float | None) -> float | None:
@@ -198,7 +198,7 @@ class FlightLog:
             }
         self._run.write_together(copies, moved=moved)
         note_files(self._run, "begin", FLIGHT_FILES, command=sys.argv, moved=moved)  # none of them is there now
-        self._user.warn(f"the previous flight was moved to {older}, as a separate run folder")
+        self._user.warn(f"moved the previous flight to {older}, a separate run folder")
 
     def take_event(self, event: FlightEvent) -> None:
         """Tell an event."""

@@ -162,6 +162,6 @@ class FlightTimeouts:
         for name in self.__slots__:
             endless = name == "override_s" and getattr(self, name) == math.inf
             if not (0.0 < getattr(self, name) < math.inf or endless):
-                raise InputError(f"{name}: {getattr(self, name):g} is not a number above 0")
+                raise InputError(f"{name}: must be greater than 0, not {getattr(self, name):g}")
         if self.link_lost_s < self.deadman_s:
-            raise InputError(f"link_lost_s: {self.link_lost_s:g} s is shorter than deadman_s ({self.deadman_s:g} s)")
+            raise InputError(f"link_lost_s: must be at least deadman_s ({self.deadman_s:g}), not {self.link_lost_s:g}")

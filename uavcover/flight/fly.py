@@ -139,7 +139,7 @@ class FlightRun:
         if self.simulator is None and not self.orders.confirmed:
             raise FlightFaultError(
                 Ending.NOT_ARMED,
-                f"vehicle {vehicle.system_id} may be a real vehicle, and no command was sent: add --yes to fly it",
+                f"vehicle {vehicle.system_id} may be a real vehicle, so no command was sent; add --yes to fly it",
             )
         self.session.on_breach = self.precautions.on_breach
         self.session.photos_required = self.precautions.photos_required
@@ -201,8 +201,11 @@ class FlightRun:
             if cause is Ending.RESERVE_KEPT:
                 if landed:
                     return self.outcome(cause)
-                raise FlightFaultError(Ending.BATTERY_LOW, "the vehicle holds its position and uses its reserve")
-            how = "it returned along checked legs and landed" if landed else "it holds its position"
+                raise FlightFaultError(
+                    Ending.BATTERY_LOW,
+                    "the vehicle holds its position and is using its battery reserve; take manual control now",
+                )
+            how = "the vehicle returned along checked legs and landed" if landed else "the vehicle holds its position"
             raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
 
@@ -222,7 +225,7 @@ class FlightRun:
                     continue
                 again, why = False, FlightFaultError(error.ending, str(error))
             except VehicleSilentError as error:
-                session.tell(EventKind.WARNING, f"{error}; the flight is followed anyway", alarm=True)
+                session.tell(EventKind.WARNING, f"{error}; uavcover still records the flight", alarm=True)
                 again, why = True, FlightFaultError(Ending.FAILED, str(error))
             landed = not session.client.vehicle.armed
             stops = max(stops, session.stop())
@@ -236,7 +239,7 @@ class FlightRun:
                 raise
             if landed:
                 return True
-            raise FlightFaultError(why.ending, f"{why}; the vehicle was followed until it landed and disarmed")
+            raise FlightFaultError(why.ending, f"{why}; uavcover followed the vehicle until it landed and disarmed")
 
     def _wait_until_known(self) -> None:
         session, stops = self.session, self.session.stop()
@@ -244,7 +247,7 @@ class FlightRun:
             if session.stop() > stops:
                 raise FlightFaultError(
                     Ending.STATE_UNKNOWN,
-                    f"{session.watch.text_of(Ending.STATE_UNKNOWN)}; the flight is no longer followed",
+                    f"{session.watch.text_of(Ending.STATE_UNKNOWN)}; uavcover no longer follows the flight",
                 )
             session.pump()
 
@@ -347,6 +350,6 @@ def _refuse_armed(session: Session) -> None:
     if vehicle.armed:
         raise FlightFaultError(
             Ending.NOT_ARMED,
-            f"vehicle {vehicle.system_id} is already armed, in {session.mode_name}, and no command was sent; use "
-            "--resume to continue a flight that ended early",
+            f"vehicle {vehicle.system_id} is already armed, in {session.mode_name}, so no command was sent; to "
+            "continue a flight that ended early, use --resume",
         )

@@ -58,7 +58,7 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
         request_telemetry(session)
         check_telemetry(session)
         flight.orders.on_begin()
-        hold(session, "the vehicle is commanded to hold")
+        hold(session, "commanding the vehicle to hold")
         flight.touched = True
         here = session.monitor.latest(m.GlobalPositionInt)
         if here is None:
@@ -69,7 +69,8 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
             onward = plan_continuation(here.lat_deg, here.lon_deg, here.alt_amsl_m)
         except UavcoverError as error:
             raise FlightFaultError(
-                Ending.FAILED, f"there is no checked route from here: {error}; the vehicle continues to hold"
+                Ending.FAILED,
+                f"no checked route starts at the current position: {error}; the vehicle continues to hold",
             ) from error
         plan = onward.plan
         check_home_position(session, plan)
@@ -83,7 +84,9 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
             )
             if not sent.passed:
                 raise FlightFaultError(
-                    Ending.FAILED, "the remaining mission differs after read-back; the vehicle continues to hold"
+                    Ending.FAILED,
+                    "the mission read back from the vehicle differs from the remaining mission; the "
+                    "vehicle continues to hold",
                 )
         if session.stop():
             raise Stopped
@@ -108,5 +111,5 @@ def _refuse_taken(session: Session) -> None:
         raise FlightFaultError(
             Ending.NOT_ARMED,
             f"vehicle {session.client.vehicle.system_id} is in the air in {session.mode_name}: a pilot or a failsafe "
-            "controls it, and no command was sent; land it or switch it to hold, then resume",
+            "controls it, so no command was sent; land it or switch it to hold, then use --resume",
         )

@@ -75,7 +75,7 @@ class FallWatch:
             self._fastest_m_s = max(self._fastest_m_s, here.velocity_down_m_s)
         watch.measure(
             Ending.FALLING, max(1.0, here.velocity_down_m_s) if falls else None,
-            f"the vehicle is falling: it sinks at {here.velocity_down_m_s:.0f} m/s, {height_m:.0f} m above the "
+            f"the vehicle is falling: it descends at {here.velocity_down_m_s:.0f} m/s, {height_m:.0f} m above the "
             f"ground, and is tilted by {lean_deg:.0f} degrees",
             "the vehicle has stopped falling",
         )  # fmt: skip
@@ -98,9 +98,9 @@ class FallWatch:
             self._still_since_s = here.time_boot_s
         still_s = here.time_boot_s - self._still_since_s
         if self._session.watch.is_open(Ending.FALLING) and height_m < FALL.near_m and still_s >= 1.0:
-            self._crashed(f"fell from {self._from_m:.0f} m at {self._fastest_m_s:.0f} m/s and is")
+            self._crashed(f"fell from {self._from_m:.0f} m at {self._fastest_m_s:.0f} m/s and is now")
         if self._hit_m_s is not None and height_m < FALL.near_m and still_s >= FALL.hit_still_s:
-            self._crashed(f"stopped abruptly at {self._hit_m_s:.0f} m/s and is")
+            self._crashed(f"stopped abruptly at {self._hit_m_s:.0f} m/s and is now")
         if height_m < FALL.lies_m and still_s >= FALL.lies_s and not self._may_stand():
             self._crashed("should be in the air but is")
 
@@ -117,8 +117,8 @@ class FallWatch:
         session, here = self._session, self._seen
         place = "" if here is None else f" at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
         text = (
-            f"the vehicle {how} on the ground{place}; it is armed: keep away, because its motors may "
-            f"start{session.recent_warnings}"
+            f"the vehicle {how} on the ground{place}; it is armed and its motors may start, so keep "
+            f"away{session.recent_warnings}"
         )
         session.watch.open(Ending.CRASHED, text)
         raise FlightFaultError(Ending.CRASHED, text)
@@ -245,13 +245,13 @@ def follow_home(
         raise FlightFaultError(Ending.CRASHED, f"{fallen} on its return{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(
-            follower.cause, f"{follower.why}; it did not complete its return, but landed and disarmed"
+            follower.cause, f"{follower.why}; the vehicle landed and disarmed without completing its return"
         )
     if guard is not None:
         guard.look_once_more()
     for kind in _CHANGES:
         if watch.is_open(kind) and kind not in known:
-            raise FlightFaultError(kind, f"{watch.text_of(kind)}; on its return it landed and disarmed")
+            raise FlightFaultError(kind, f"{watch.text_of(kind)}; the vehicle returned, landed and disarmed")
     session.tell(EventKind.STAGE, "disarmed")
 
 
@@ -288,7 +288,7 @@ def follow_taken(session: Session) -> None:
     if fallen is not None:
         raise FlightFaultError(Ending.CRASHED, f"{fallen}{session.recent_warnings}")
     if follower.cause is not None:
-        raise FlightFaultError(follower.cause, f"{follower.why}; it landed and disarmed")
+        raise FlightFaultError(follower.cause, f"{follower.why}; the vehicle landed and disarmed")
     session.tell(EventKind.STAGE, "disarmed")
 
 
@@ -305,8 +305,8 @@ def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follow
             why = f"; before, {follower.why if follower.cause is not None else watch.text_of(before[0])}"
         raise FlightFaultError(Ending.CRASHED, f"{fallen} after {flown}{why}{session.recent_warnings}")
     if follower.cause is not None:
-        raise FlightFaultError(follower.cause, f"{follower.why}; it landed and disarmed after {flown}")
-    how = "it landed and disarmed"
+        raise FlightFaultError(follower.cause, f"{follower.why}; the vehicle landed and disarmed after {flown}")
+    how = "the vehicle landed and disarmed"
     for kind in _LASTING:
         if watch.is_open(kind):
             raise FlightFaultError(kind, f"{watch.text_of(kind)}; {how} after {flown}")

@@ -109,7 +109,7 @@ class Follower:
         monitor = self._session.monitor
         if monitor.gap_ended_at_s <= self._known_until_s:
             return ""
-        return f"; the events during the silence of {monitor.gap_s:.0f} s before that are not known"
+        return f"; events during the preceding {monitor.gap_s:.0f} s without messages are unknown"
 
     def settle(self) -> None:
         """Find the cause of what happened in the last moment, or in the gap before it."""
@@ -155,8 +155,8 @@ class Follower:
             if self._elsewhere.too_long and self.cause is not None:
                 raise FlightFaultError(
                     self.cause,
-                    f"{self.why}; it has not moved for {self._elsewhere.timeout_s:g} s; the pilot or station that "
-                    "controls it remains in charge",
+                    f"{self.why}; the vehicle has not moved for {self._elsewhere.timeout_s:g} s; the pilot or "
+                    "station that controls it remains in control",
                 )
             return
         self._elsewhere.restart()
@@ -226,18 +226,17 @@ class Follower:
         self._upside_down = not self._pause()
         then = "returns: press p to continue the mission, or Ctrl-C to return now"
         if self._progress is None:
-            then = "the return is planned again: with Ctrl-C the vehicle continues to hold"
+            then = "uavcover plans the return again: press Ctrl-C to keep the vehicle holding"
         session.tell(
             EventKind.STOP,
-            f"the vehicle therefore holds its position in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
-            f"{then}",
+            f"the vehicle now holds its position in {session.mode_name} up to {session.timeouts.held_s:g} s, then {then}",
         )
 
     def _land(self, breach: Ending) -> None:
         session = self._session
         if self._obeys(Mode.LAND, "land"):
             session.paused, self._lands_for = True, breach
-            session.tell(EventKind.STOP, "the vehicle lands at its current position")
+            session.tell(EventKind.STOP, "the vehicle is landing at its current position")
 
     def _obeys(self, mode: Mode, what: str) -> bool:
         """Change a vehicle in its mission to a mode; report a refusal or silence, and follow on."""
@@ -245,12 +244,12 @@ class Follower:
         try:
             session.steer(lambda: set_mode(session, mode), while_in=[Mode.MISSION, mode])
         except CommandRefusedError as error:
-            session.tell(EventKind.WARNING, f"the vehicle refuses to {what}: {error}", alarm=True)
+            session.tell(EventKind.WARNING, f"the vehicle refused the command to {what}: {error}", alarm=True)
             return False
         except VehicleSilentError as error:
             session.tell(
                 EventKind.WARNING,
-                f"the vehicle was commanded to {what}, but did not follow the command: {error}",
+                f"the vehicle did not follow the command to {what}: {error}",
                 alarm=True,
             )
             return False
@@ -270,9 +269,9 @@ class Follower:
         if state is HoldState.OVER:
             problem = None if self._progress is None else self._progress.line_problem()
             if problem is not None and hold.purpose is not None:
-                session.tell(EventKind.STOP, f"the mission is not continued: {problem}")
+                session.tell(EventKind.STOP, f"the mission was not continued: {problem}")
                 raise Stopped(hold.purpose)
-            if not self._goes_on("the reason for the hold has ended: the vehicle continues its mission"):
+            if not self._goes_on("the reason for the hold is gone: the vehicle continues its mission"):
                 raise Stopped(hold.purpose)
             self._upside_down = self._pause()
 
@@ -287,7 +286,7 @@ class Follower:
             session.watch.open(Ending.FAILED, str(error))
             raise Stopped(Ending.FAILED) from error
         except (CommandRefusedError, VehicleSilentError) as error:
-            session.tell(EventKind.WARNING, f"the mission is not continued: {error}", alarm=True)
+            session.tell(EventKind.WARNING, f"the mission was not continued: {error}", alarm=True)
             return False
         session.tell(EventKind.STOP, text)
         self._going_on, self._hold = Timer(session, FOLLOWING.going_on_s), None
@@ -305,21 +304,23 @@ class Follower:
         if self._record_goes_on or stops > self._stops_before + 1:
             raise FlightFaultError(
                 self.cause or Ending.STATE_UNKNOWN,
-                f"{why}; the flight is no longer followed: the pilot or station that controls the vehicle is in charge",
+                f"{why}; uavcover no longer follows the flight: the pilot or station that controls the vehicle "
+                "remains in control",
             )
         if self.cause is None:
             if not self._told_to_wait:
                 self._told_to_wait = True
                 session.tell(
                     EventKind.STOP,
-                    f"{why}: it is commanded to return as soon as it reports its mission; repeat to end the record",
+                    f"{why}; uavcover commands the vehicle to return as soon as it reports its mission; press Ctrl-C "
+                    "again to stop recording",
                 )
             return
         self._record_goes_on, self._stops_before = True, stops
         session.tell(
             EventKind.STOP,
-            "another party controls the vehicle, so no command is sent; recording continues until it is on "
-            "the ground; repeat to end the record",
+            "another party controls the vehicle, so no command is sent; recording continues until the vehicle is on "
+            "the ground; press Ctrl-C again to stop recording",
         )
 
     def _pause_or_go_on(self) -> None:
@@ -352,7 +353,7 @@ class Follower:
         if problem is not None:
             self._declined = pressed
             session.tell(
-                EventKind.WARNING, f"the mission is not continued: {problem}; press Ctrl-C to return", alarm=True
+                EventKind.WARNING, f"the mission was not continued: {problem}; press Ctrl-C to return", alarm=True
             )
             return
         if not self._goes_on("the vehicle continues its mission"):
@@ -373,7 +374,7 @@ class Follower:
         if session.watch.is_open(Ending.HEARTBEAT_LOST):
             raise FlightFaultError(
                 Ending.HEARTBEAT_LOST,
-                f"{session.watch.text_of(Ending.HEARTBEAT_LOST)}; it is on the ground and may be armed: keep away",
+                f"{session.watch.text_of(Ending.HEARTBEAT_LOST)}; the vehicle is on the ground and may be armed, so keep away",
             )
         if self._landed is None:
             self._landed = Timer(session, session.timeouts.disarm_s)
@@ -382,13 +383,14 @@ class Follower:
             if self.cause is not None:
                 raise FlightFaultError(
                     self.cause,
-                    f"{self.why}; it is on the ground and stays armed: the pilot or station that controls it is in charge",
+                    f"{self.why}; the vehicle is on the ground and still armed; the pilot or station that controls "
+                    "it remains in control",
                 )
             if not session.evidence.current:
                 return
             if self._told_to_disarm:
                 raise FlightFaultError(
-                    Ending.STAYED_ARMED, f"the vehicle has landed but stays armed{session.recent_warnings}"
+                    Ending.STAYED_ARMED, f"the vehicle has landed but is still armed{session.recent_warnings}"
                 )
             self._told_to_disarm = True
             ours = [Mode.MISSION, Mode.LAND, Mode.HOLD, hold_mode(session)]
@@ -397,7 +399,7 @@ class Follower:
             except (TakenOverError, CommandRefusedError, VehicleSilentError) as error:
                 if session.client.vehicle.armed:
                     session.tell(
-                        EventKind.WARNING, f"the vehicle is on the ground and stays armed: {error}", alarm=True
+                        EventKind.WARNING, f"the vehicle is on the ground and still armed: {error}", alarm=True
                     )
             self._landed.restart()
 

@@ -43,7 +43,7 @@ class Fall:
 
     def __str__(self) -> str:
         """For people."""
-        return f"{max(0.0, self.height_m):.0f} m above {self.above}, and sank at {self.sink_m_s:.1f} m/s"
+        return f"{max(0.0, self.height_m):.0f} m above {self.above}, descending at {self.sink_m_s:.1f} m/s"
 
 
 class GroundContact:

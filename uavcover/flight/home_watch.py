@@ -61,7 +61,7 @@ class HomeWatch:
         amount, text = self._amount, self._text
         if amount is None and moved_m > PREPARATION.home_slack_m:
             amount = moved_m
-            text = f"the origin of the vehicle's heights and positions was moved by {moved_m:.1f} m in flight"
+            text = f"the vehicle's local origin for heights and positions was moved by {moved_m:.1f} m in flight"
         watch = self._session.watch
         if amount is not None:
             watch.measure(Ending.HOME_MOVED, amount, text, "")
@@ -91,22 +91,22 @@ class HomeWatch:
         if aside_m > FOLLOWING.aside_m:
             text += "; the autopilot's own return ends at the new home, along an unchecked path"
         if self._plan.is_way_home and abs(up) <= PREPARATION.home_slack_m:  # its items stand where they stood
-            self._session.tell(EventKind.WARNING, f"{text}; the return does not depend on it", alarm=True)
+            self._session.tell(EventKind.WARNING, f"{text}; this does not affect the return", alarm=True)
             return None, ""
         return math.hypot(aside_m, up), text
 
     def _lowered_by(self, off_m: float) -> str:
         """Consequence for heights above home of another home altitude."""
-        since = "at once" if self._px4 else "from the next item on"
+        since = "immediately" if self._px4 else "from the next item onwards"
         side, flown = "higher" if off_m > 0.0 else "lower", "return" if self._plan.is_way_home else "mission"
-        text = f"{since} the remaining {flown} is flown {abs(off_m):.1f} m {side} than planned"
+        text = f"{since}, the vehicle flies the remaining {flown} {abs(off_m):.1f} m {side} than planned"
         heights_m, volume = self._rest_agl_m(), self._plan.volume
         if volume is None or not len(heights_m):
             return text
         low_m, high_m = float(heights_m.min()), float(heights_m.max())
-        what, was_m, limit = "largest height", high_m, f"{volume.max_height_agl_m:g} m are allowed"
+        what, was_m, limit = "maximum height", high_m, f"{volume.max_height_agl_m:g} m is allowed"
         if off_m < 0.0:
-            what, was_m, limit = "clearance", low_m, f"{volume.min_height_agl_m:g} m are required"
+            what, was_m, limit = "clearance", low_m, f"{volume.min_height_agl_m:g} m is required"
         text = f"{text}, and its {what} above the ground changes from {was_m:.1f} m to {was_m + off_m:.1f} m"
         return text if self._plan.is_way_home else f"{text}, where {limit}"  # the band is that of the route
 
@@ -160,8 +160,8 @@ class HoldState(Enum):
     """State of a hold."""
 
     HOLDS = "the hold continues"
-    OVER = "the reason for it has ended: the mission may continue"
-    OVERDUE = "the time limit of the hold has passed"
+    OVER = "the reason for the hold is gone: the mission may continue"
+    OVERDUE = "the hold has reached its time limit"
     LOST = "the vehicle does not hold its position"
 
 
@@ -221,7 +221,7 @@ class HoldWatch:
         drift_m = self.drift_m
         watch.measure(
             Ending.HOLD_LOST, drift_m if drift_m > FOLLOWING.drift_m else None,
-            f"the vehicle does not hold its position: it is {drift_m:.0f} m away from it",
+            f"the vehicle has drifted {drift_m:.0f} m from its hold position",
             "the vehicle is back at its hold position",
         )  # fmt: skip
         return drift_m > FOLLOWING.drift_m

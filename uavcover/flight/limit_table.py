@@ -152,14 +152,17 @@ def _flight_time(values: Mapping[str, float], plan: FlightPlan, *, px4: bool) ->
     if end_s is None:
         weight, matters = Weight.NONE, "with the vehicle's own speeds and acceleration"
         if with_turns_s > PREPARATION.late_ratio * planned_s:
-            weight, matters = Weight.WARNING, f"it takes longer than planned {matters}: {_slower(own, needs.pace)}"
+            weight, matters = (
+                Weight.WARNING,
+                f"the flight takes longer than planned {matters}: {_slower(own, needs.pace)}",
+            )
         return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
-    longer = f"it takes longer than the {end_s:g} s that endurance and reserve allow"
+    longer = f"the flight takes longer than the {end_s:g} s that endurance and reserve allow"
     weight, matters = Weight.NONE, f"with the vehicle's own speeds and acceleration; at most {end_s:g} s"
     if by_speeds_s > end_s:
-        weight, matters = Weight.REFUSED, f"with its own speeds {longer}"
+        weight, matters = Weight.REFUSED, f"with the vehicle's own speeds, {longer}"
     elif with_turns_s > end_s:
-        weight, matters = Weight.WARNING, f"with its acceleration {longer}"
+        weight, matters = Weight.WARNING, f"with the vehicle's acceleration, {longer}"
     return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
 
 
@@ -181,11 +184,11 @@ def _home(plan: FlightPlan, alt_amsl_m: float) -> Limit:
     """Heights in the mission are above home: an error in the altitude of home moves the whole route."""
     planned_m, around = plan.home.alt_amsl_m, plan.volume
     off_m = alt_amsl_m - planned_m
-    weight, matters = Weight.NONE, "the mission has heights above it"
+    weight, matters = Weight.NONE, "heights in the mission are relative to it"
     if abs(off_m) > PREPARATION.home_slack_m:
         side = "higher" if off_m > 0.0 else "lower"
-        weight, matters = Weight.WARNING, f"the whole route is flown {abs(off_m):.1f} m {side} than planned"
+        weight, matters = Weight.WARNING, f"the vehicle flies the whole route {abs(off_m):.1f} m {side} than planned"
         if around is not None:
             low_m, high_m = around.min_height_agl_m, around.max_height_agl_m
             matters += f": a band of {low_m:g} to {high_m:g} m becomes {low_m + off_m:.1f} to {high_m + off_m:.1f} m"
-    return Limit("home above sea level", round(planned_m, 2), round(alt_amsl_m, 2), "m", "", weight, matters)
+    return Limit("home altitude above sea level", round(planned_m, 2), round(alt_amsl_m, 2), "m", "", weight, matters)

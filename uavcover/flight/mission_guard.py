@@ -87,10 +87,10 @@ class ListReading:
             held = session.client.download(self._type, stop=stop)
         except FormatError as error:
             held = None
-            difference = f"its mission does not match any plan: {error}"
+            difference = f"the vehicle's mission does not match any plan: {error}"
         except TransferCancelledError:
             if session.client.clock.now() - began_s > GUARD.longest_s:
-                self._note_failure(f"not read in {GUARD.longest_s:g} s")
+                self._note_failure(f"no complete answer within {GUARD.longest_s:g} s")
             self.asked = True
             return None
         except MissionIoError as error:
@@ -98,7 +98,7 @@ class ListReading:
             return None
         now = session.client.clock.now()
         if self._failures:
-            session.tell(EventKind.WARNING, f"the {self._name} has been read back again")
+            session.tell(EventKind.WARNING, f"uavcover can read back the {self._name} again")
         self._failures = 0
         self._rest_until_s = now + (now - began_s) / GUARD.busy_share
         self._not_before_s = now + max(1.0, now - began_s)
@@ -116,7 +116,7 @@ class ListReading:
         """Try again later; report the first failure."""
         if not self._failures:
             self._session.tell(
-                EventKind.WARNING, f"the {self._name} could not be read back in flight: {why}; this is repeated"
+                EventKind.WARNING, f"cannot read back the {self._name} in flight: {why}; uavcover keeps trying"
             )
         self._not_before_s = self._session.client.clock.now() + GUARD.again_s * 2.0 ** min(self._failures, 4)
         self._failures += 1
@@ -169,7 +169,7 @@ class ModeOverride:
 
 
 _WHY = {
-    Ending.WIND_ABOVE_LIMITS: ": the wind is too strong for it",
+    Ending.WIND_ABOVE_LIMITS: ", because the wind is too strong",
     Ending.OFF_ROUTE: ", although it has the planned mission; the cause is unknown",
 }
 
@@ -218,7 +218,7 @@ class MissionGuard:
         try:
             self._read_back()
         except FlightFaultError as error:
-            self._session.tell(EventKind.WARNING, f"the mission was not read back after the landing: {error}")
+            self._session.tell(EventKind.WARNING, f"cannot read back the mission after the landing: {error}")
 
     def _look_at_total(self) -> None:
         current = self._session.monitor.latest(m.MissionCurrent)
@@ -228,7 +228,7 @@ class MissionGuard:
             self._total = current.total
         if current.total != self._total:
             self._changed(
-                f"the vehicle has {current.total} items instead of {self._total}: another station changed the mission"
+                f"the vehicle's mission has {current.total} items instead of {self._total}: another station changed the mission"
             )
             self._reading.ask()
 
@@ -261,17 +261,17 @@ class MissionGuard:
         self._farthest = max(self._farthest, number)
         past = self._plan.is_past_waypoints(current.seq, self._session.autopilot) and not progress.all_reached
         if number > progress.reached_count + 1 or (past and progress.reached_count < self._plan.waypoint_count - 1):
-            return f"the vehicle flies to item {current.seq} and skips waypoint {progress.reached_count}"
+            return f"the vehicle is flying to item {current.seq} and skips waypoint {progress.reached_count}"
         return self._item_set_back(current.seq)
 
     def _item_set_back(self, seq: int) -> str | None:
         """Whether the current item is before a waypoint that was flown to, which no mission of ours does."""
         number = self._progress.heading_for
         if 0 <= number < self._farthest:
-            return f"the vehicle returns to waypoint {number} from {self._farthest}"
+            return f"the vehicle is flying back to waypoint {number} from waypoint {self._farthest}"
         before = self._plan.index_of(seq, self._session.autopilot) < self._plan.first_waypoint_item
         if self._farthest >= 0 and before and not self._progress.all_reached:
-            return f"the vehicle returns to item {seq}, before its route, from waypoint {self._farthest}"
+            return f"the vehicle is flying back to item {seq}, before its route, from waypoint {self._farthest}"
         return None
 
     def look_at_place(self) -> None:
@@ -305,7 +305,7 @@ class MissionGuard:
             return
         position = watch.causes.recent(within_s=GUARD.cause_within_s, among=(Ending.GPS_LOST,))
         wind = watch.causes.recent(within_s=GUARD.warned_within_s, among=(Ending.WIND_ABOVE_LIMITS,))
-        leans = f"it is tilted by {lean_deg:.0f} degrees toward its leg, but still drifts away from it"
+        leans = f"the vehicle is tilted by {lean_deg:.0f} degrees toward its leg, but drifts away from it"
         if position is not None:
             watch.open(
                 Ending.OFF_ROUTE, f"{text}, but the position may be wrong: {position.text}", off_m,
@@ -343,7 +343,9 @@ class MissionGuard:
         if difference is not None and difference != self._found:
             self._found = difference
             if watch.is_open(Ending.MISSION_CHANGED):
-                self._session.tell(EventKind.WARNING, f"of its mission {difference}", alarm=True)
+                self._session.tell(
+                    EventKind.WARNING, f"further change to the vehicle's mission: {difference}", alarm=True
+                )
             else:
                 place = f"{sign}: " if sign else ""
                 self._changed(f"{place}another station changed the mission in flight: {difference}")
@@ -380,8 +382,8 @@ class VolumeWatch:
         unknown = math.isnan(height_m)
         self._watch.measure(
             Ending.GROUND_UNKNOWN, 0.0 if unknown else None,
-            "the height of the ground below the vehicle is not known: there is no elevation data",
-            "the height of the ground is known again",
+            "the height above ground is unknown: there is no elevation data below the vehicle",
+            "the height above ground is known again",
         )  # fmt: skip
         on_route = on_route and self._progress.heading_for > 0
         outside_m, text = self._outside_band(around, height_m) if on_route and not unknown else (0.0, "")

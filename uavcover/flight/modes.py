@@ -30,7 +30,7 @@ def require_multirotor(client: VehicleClient) -> VehicleInfo:
         what = name if vehicle.kind in (VehicleKind.OTHER, VehicleKind.VTOL) else vehicle.kind.value
         raise VehicleError(
             f"vehicle {vehicle.system_id} reports that it is {_a(what)}, MAV_TYPE {vehicle.vehicle_type}; uavcover "
-            "supports only multirotors: nothing was uploaded, changed or armed"
+            "supports only multirotors, so nothing was uploaded, changed or armed"
         )
     if vehicle.autopilot.firmware is Firmware.OTHER:
         raise VehicleError(f"the flight modes of vehicle {vehicle.system_id}, {vehicle.described}, are unknown")

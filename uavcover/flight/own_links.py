@@ -27,12 +27,12 @@ def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> l
     urls, systems = urls or (), systems or ()
     if urls and len(urls) != len(systems) and 1 not in (len(urls), len(systems)) and systems:
         raise InputError(
-            f"--system: the option is used {len(systems)} times, but --to {len(urls)} times; use one --system for "
-            "each --to, or one --to for all"
+            f"--system is given {len(systems)} times, but --to {len(urls)} times; give one --system for each --to, "
+            "or one --to for all"
         )
     if systems and not urls:
         if len(systems) > 1:
-            raise InputError("--system: the option selects vehicles on one link; specify that link with --to")
+            raise InputError("--system selects a vehicle on a link; specify the link with --to")
         return []
     count = max(len(urls), len(systems))
     all_urls = [*urls] if len(urls) == count else [*urls] * count
@@ -55,7 +55,7 @@ def require_different(places: Sequence[VehiclePlace]) -> None:
                 f"--to: {url} is used {1 + len(on_it)} times; each vehicle needs its own link, or its own --system on that link"
             )
         if VehiclePlace(url, system_id) in on_it:
-            raise InputError(f"--system: {system_id} at {url} is used twice; each vehicle needs its own system id")
+            raise InputError(f"--system: {system_id} at {url} is used twice; each vehicle needs its own system ID")
 
 
 def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
@@ -78,9 +78,7 @@ def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int |
     # One flight of a fleet: a sortie's scenario has its own vehicle, and what closes gaps is flown by vehicle 1.
     vehicle = (scenario.vehicles or (scenario.vehicle,))[0]
     if vehicle.link is None:
-        raise InputError(
-            f"--to: the option is missing, and the vehicle of {folder} has no link in its scenario; specify --to"
-        )
+        raise InputError(f"--to is missing, and the vehicle of {folder} has no link in its scenario; specify --to")
     return [VehiclePlace(vehicle.link, vehicle.system_id)]
 
 
@@ -95,8 +93,8 @@ def links_of_scenario(source: str, given: Sequence[VehiclePlace], *, sortie: int
         return _links_of(scenario)
     if scenario.vehicles and len(given) != len(scenario.vehicles) and not (len(given) == 1 and sortie is not None):
         raise InputError(
-            f"--to: the option names {len(given)} vehicle{'s' if len(given) > 1 else ''}, but {source} lists "
-            f"{len(scenario.vehicles)} that differ; specify the link of each, vehicle 1 first"
+            f"--to is given {len(given)} time{'s' if len(given) > 1 else ''}, but {source} defines "
+            f"{len(scenario.vehicles)} different vehicles; specify a link for each, vehicle 1 first"
         )
     return list(given)
 
@@ -105,17 +103,17 @@ def _links_of(scenario: Scenario) -> list[VehiclePlace]:
     """The links of the vehicles of a scenario, vehicle 1 first. Raises InputError: one is missing."""
     if not scenario.vehicles:
         if scenario.vehicle.link is None:
-            raise InputError("--to: the option is missing, and [vehicle] has no link; specify one of them")
+            raise InputError("--to is missing, and [vehicle] has no link; specify one of them")
         if scenario.fleet.vehicles > 1:
             raise InputError(
-                f"--to: the option is missing, and [vehicle] has one link for {scenario.fleet.vehicles} vehicles; "
-                "use --to for each, or a [[vehicle]] with its own link for each"
+                f"--to is missing, and [vehicle] has one link for {scenario.fleet.vehicles} vehicles; use --to for "
+                "each, or a [[vehicle]] with its own link for each"
             )
         return [VehiclePlace(scenario.vehicle.link, scenario.vehicle.system_id)]
     missing = [number for number, vehicle in enumerate(scenario.vehicles, start=1) if vehicle.link is None]
     if missing:
         raise InputError(
-            f"--to: the option is missing, and [[vehicle]] number {missing[0]} has no link; use --to for each "
-            "vehicle, or add a link to each [[vehicle]]"
+            f"--to is missing, and [[vehicle]] number {missing[0]} has no link; use --to for each vehicle, or add a "
+            "link to each [[vehicle]]"
         )
     return [VehiclePlace(vehicle.link, vehicle.system_id) for vehicle in scenario.vehicles if vehicle.link is not None]

@@ -71,7 +71,7 @@ class Limit:
         if self.doing and self.planned is not None:
             return (
                 f"the vehicle {self.doing} at {self.vehicle:g}{unit}{name}, but the plan assumes "
-                f"{self.planned:g}{unit}: {self.matters}; plan with the vehicle's speeds, or set the parameter"
+                f"{self.planned:g}{unit}: {self.matters}; plan with the vehicle's speed, or set the parameter"
             )
         planned = "" if self.planned is None else f", planned {self.planned:g}{unit}"
         return f"{self.what}: the vehicle has {self.vehicle:g}{unit}{name}{planned}; {self.matters}"
@@ -252,19 +252,17 @@ def read_table(document: Mapping[str, Any], file: str) -> ParameterTable:
     for row in rows:
         where = f"{file}: {row.names[0][0]}"
         _require(row.category in CATEGORIES, where, f"category {row.category!r} is not one of {', '.join(CATEGORIES)}")
-        _require(all(names.count(name) == 1 for name, _ in row.names), where, "appears in two rows")
-        _require(
-            bool(row.worse) is (row.rule is not None), where, "needs a rule and what breaking it means, or neither"
-        )
+        _require(all(names.count(name) == 1 for name, _ in row.names), where, "this name appears in two rows")
+        _require(bool(row.worse) is (row.rule is not None), where, "must have both rule and worse, or neither")
         used = [*row.applies, *(condition for case in row.worse for condition in case.when)]
         used += [] if row.rule is None else [row.rule]
         for condition in used:
             _require(condition.subject in keys | FACTS, where, f"{condition.subject} is neither a key nor a fact")
-            _require(condition.operator in _OPERATORS, where, f"{condition.operator!r} compares nothing")
+            _require(condition.operator in _OPERATORS, where, f"{condition.operator!r} is not a comparison operator")
             _require(all(name in FACTS | {""} for name, _ in condition.operands), where, f"unknown fact in {condition}")
         _require(row.planned in FACTS | {""}, where, f"{row.planned} is not a fact")
         for case in row.worse:
-            _require(case.says.format_map(dict.fromkeys(FACTS, 1.0)) != "", where, "says nothing")
+            _require(case.says.format_map(dict.fromkeys(FACTS, 1.0)) != "", where, "the sentence is empty")
             case.wanted(0.0, dict.fromkeys(FACTS, 1.0))
     dismissed = {prefix: group["why"] for group in document["dismissed"] for prefix in group["prefixes"]}
     return ParameterTable(rows, MappingProxyType(dismissed))
@@ -282,7 +280,9 @@ _PLAIN = ("category", "what", "why", "unit", "doing", "planned", "default", "sho
 def _row(table: Mapping[str, Any], where: str) -> ParameterRow:
     unknown = set(table) - _ROW_KEYS
     _require(not unknown, where, f"unknown key {', '.join(sorted(unknown))}")
-    _require({"names", "category", "what", "why"} <= set(table), where, "needs names, category, what and why")
+    _require(
+        {"names", "category", "what", "why"} <= set(table), where, "the keys names, category, what and why are required"
+    )
     names = tuple((name, float(unit or 1.0)) for name, _, unit in (text.partition("/") for text in table["names"]))
     key = table.get("key", names[0][0])
     rule = _condition(f"{key} {table['rule']}", where) if "rule" in table else None

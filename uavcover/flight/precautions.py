@@ -75,7 +75,7 @@ def require_answers(client: VehicleClient) -> None:
         raise VehicleError(
             f"vehicle {vehicle.system_id} sends heartbeats, but does not answer this program (system "
             f"{own}){client.signing_advice()}; it may accept only one ground station (MAV_OPTIONS 1, SYSID_ENFORCE): "
-            f"set --own-system to the number in its MAV_GCS_SYSID (SYSID_MYGCS), or set that to {own}"
+            f"set --own-system to its MAV_GCS_SYSID (SYSID_MYGCS), or set that parameter to {own}"
         )
 
 

@@ -83,7 +83,7 @@ class Preconditions:
         watch = self._session.watch
         self._moved_before_m += self._home.moved_up_m
         plan = self._plan.way_home(sent, home_up_m=self._moved_before_m)
-        watch.close(Ending.MISSION_CHANGED, "the vehicle has the uploaded return")
+        watch.close(Ending.MISSION_CHANGED, "the vehicle contains the uploaded return")
         watch.close(Ending.HOME_MOVED, "the return compensates for the moved home")
         self._home = HomeWatch(self._session, plan, px4=self._px4)
         self._settings.go_home(plan)
@@ -112,7 +112,7 @@ class Preconditions:
             if text:
                 self._session.watch.open(one.kind, text)
             else:
-                self._session.watch.close(one.kind, f"the vehicle's {one.name} as before")
+                self._session.watch.close(one.kind, f"the vehicle's {one.name} again as before")
 
     def _fence_off_text(self) -> str:
         """Text when the fence is out of force, by ArduPilot's SYS_STATUS: a command can switch it without a parameter."""
@@ -122,7 +122,7 @@ class Preconditions:
             in_force = bool(status.sensors_enabled & _FENCE_BIT)
             self._was_in_force |= in_force
             self._is_off = self._was_in_force and not in_force
-        return "the vehicle's fence was disabled in flight: the vehicle no longer enforces it" if self._is_off else ""
+        return "the vehicle's fence was disabled in flight and is no longer enforced" if self._is_off else ""
 
     def _look_at_ids(self) -> None:
         client = self._session.client
@@ -132,9 +132,8 @@ class Preconditions:
             )
         for address in client.peers.same_ids:
             self._tell_once(
-                f"another ground station (component {address.component_id}) uses the system id of uavcover, "
-                f"{address.system_id}: the vehicle would not notice a lost link; use another id with "
-                "--own-system"
+                f"another ground station (component {address.component_id}) uses uavcover's system ID, "
+                f"{address.system_id}, so the vehicle cannot detect a lost link; specify another ID with --own-system"
             )
 
     def _tell_once(self, text: str) -> None:
@@ -186,7 +185,7 @@ class _SettingsWatch:
                 Ending.SETTINGS_CHANGED,
                 0.0 if self._worse else None,
                 self._worse,
-                "the parameters that the mission depends on were restored",
+                "the parameters on which the mission depends were restored",
             )
 
     def go_home(self, plan: FlightPlan) -> None:
@@ -204,7 +203,7 @@ class _SettingsWatch:
             session.watch.unanswered = text
             session.tell(
                 EventKind.WARNING,
-                f"{text}: commands may not reach it; the link may be lost, or it accepts only another ground station",
+                f"{text}; the link may be lost, or the vehicle accepts only another ground station",
                 alarm=True,
             )
         self._unanswered += 1
@@ -237,7 +236,7 @@ class _SettingsWatch:
         ]
         reasons = flown + [row.sentence for row in worse]
         flight = "return" if self._plan.is_way_home else "mission"
-        text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; the {flight} does not depend on it"
+        text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; this does not affect the {flight}"
         # A vehicle that is set so would not have been armed, and was.
         refused = [row for row in rows.values() if row.weight is Weight.REFUSED]
         breaches = [row for row in refused if _grew(row, self._rows_before.get(row.parameter))]
@@ -275,9 +274,7 @@ class _ListWatch:
             self._before: tuple[MissionItem, ...] | None = session.client.download(mission_type)
         except (MissionIoError, FormatError) as error:
             self._before = None
-            session.tell(
-                EventKind.WARNING, f"the vehicle's {self.name} not monitored, because it could not be read: {error}"
-            )
+            session.tell(EventKind.WARNING, f"the vehicle's {self.name} not monitored, because reading failed: {error}")
         self._reading: ListReading | None = None
         self._signs = self._signs_now
 
@@ -307,7 +304,7 @@ class _ListWatch:
         self._plan, self._returns_changed = plan, lambda: None
         if self.text and self._reading is not None and self._type is MissionType.FENCE:
             problem = self._consequence(self._reading.held)
-            self._session.tell(EventKind.WARNING, f"after the change of the fence in flight: {problem}", alarm=True)
+            self._session.tell(EventKind.WARNING, f"the fence was changed in flight: {problem}", alarm=True)
 
     def look_once_more(self) -> None:
         """Read it after the landing; a vehicle that is switched off by then is not asked."""
@@ -328,20 +325,21 @@ class _ListWatch:
         what = "fence" if self._type is MissionType.FENCE else "rally points"
         text = f"another station changed the vehicle's {what} in flight: {difference}"
         if self._type is MissionType.RALLY:
-            return f"{text}; the autopilot's own return may go there, along an unchecked path"
+            return f"{text}; the autopilot's own return may lead there along an unchecked path"
         return f"{text}; {self._consequence(held)}"
 
     def _consequence(self, held: tuple[MissionItem, ...]) -> str:
         """Consequence of another fence for the rest of the flight."""
         if not held:
-            return "it no longer has a fence"
+            return "the vehicle no longer has a fence"
         flight = "return" if self._plan.is_way_home else "mission"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
             return (
-                f"the remaining {flight} leads {outside_m:.0f} m outside it: an active fence would interrupt it there"
+                f"the remaining {flight} leads {outside_m:.0f} m outside the changed fence; an active fence would "
+                "interrupt the flight there"
             )
-        return f"the remaining {flight} stays inside it"
+        return f"the remaining {flight} stays inside the changed fence"
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:

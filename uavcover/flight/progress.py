@@ -76,12 +76,12 @@ class MissionProgress:
         if any(math.isnan(height) for height in heights):
             return f"{to} leads over ground without elevation data"
         if lowest < around.min_height_agl_m - PROGRESS.slack_m:
-            return f"{to} comes within {lowest:.0f} m of the ground; {around.min_height_agl_m:g} m are required"
+            return f"{to} comes within {lowest:.0f} m of the ground; {around.min_height_agl_m:g} m is required"
         highest = max(heights)
         if highest > around.max_height_agl_m + PROGRESS.slack_m and self._climbs_first:
             return (
                 f"the vehicle climbs in place before it flies to waypoint {self.heading_for}: up to {highest:.0f} m "
-                f"above the ground; {around.max_height_agl_m:g} m are allowed"
+                f"above the ground; {around.max_height_agl_m:g} m is allowed"
             )
         return None
 
@@ -133,7 +133,7 @@ class MissionProgress:
             text = f"flying to waypoint {number} of {plan.waypoint_count}"
             self._session.tell(EventKind.WAYPOINT, text, waypoint=number)
         elif self.all_reached:
-            self._session.tell(EventKind.STAGE, "all planned waypoints flown, returning")
+            self._session.tell(EventKind.STAGE, "flew all planned waypoints; returning")
 
     @property
     def place_m(self) -> FloatArray | None:

@@ -66,8 +66,8 @@ def check_telemetry(session: Session) -> None:
     needed = " and ".join(f"{wanted[kind].least_hz:g}" for kind in rare)
     raise FlightFaultError(
         Ending.NOT_READY,
-        f"the vehicle sends {measured} of vehicle time after {PREPARATION.telemetry_tries} requests; following the "
-        f"flight requires {needed}, so it was not started: raise that rate in the autopilot, or use a faster link",
+        f"after {PREPARATION.telemetry_tries} requests, the vehicle sends {measured} of vehicle time, but following "
+        f"the flight requires {needed}; the flight was not started: raise the autopilot's rate, or use a faster link",
     )
 
 
@@ -84,7 +84,7 @@ def _request(session: Session, streams: Mapping[type[m.Message], _Stream]) -> No
         try:
             session.client.request_message_interval(kind, stream.interval_s)
         except CommandRefusedError as error:
-            text = f"{kind.__name__} each {stream.interval_s:g} s was answered {error.result_name}"
+            text = f"{kind.__name__} every {stream.interval_s:g} s: the vehicle answered {error.result_name}"
             session.tell(EventKind.WARNING, text)
 
 
@@ -197,8 +197,8 @@ def check_home_position(session: Session, plan: FlightPlan) -> None:
     if plan.ground_alt_amsl_m is not None and abs(home.alt_amsl_m - plan.ground_alt_amsl_m) > most_m:
         raise VehicleError(
             f"the vehicle's home is at {home.alt_amsl_m:.1f} m above sea level and the terrain there at "
-            f"{plan.ground_alt_amsl_m:.1f} m, but max_home_error_m is {most_m:g}, so the flight was not started: "
-            "check the height datum"
+            f"{plan.ground_alt_amsl_m:.1f} m, but max_home_error_m is {most_m:g}; the flight was not started: check "
+            "the vertical datum"
         )
 
 
@@ -211,13 +211,13 @@ def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
     if aside_m > most_m:
         raise VehicleError(
             f"{where} is {aside_m:.1f} m from the planned home, but max_home_error_m is {most_m:g}, so the vehicle "
-            "was not armed: move it or plan for this home"
+            "was not armed: move it, or plan for this home"
         )
     if abs(up) > most_m:
         raise VehicleError(
             f"{where} is at {place.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m "
             f"{'above' if up > 0 else 'below'} the planned home, but max_home_error_m is {most_m:g}, so the vehicle "
-            "was not armed: heights above home would be wrong by this amount"
+            "was not armed: all heights above home would be wrong by this amount"
         )
 
 
@@ -232,4 +232,7 @@ def check_mission(session: Session, plan: FlightPlan) -> None:
     held = session.client.download(MissionType.MISSION)
     wrong = fault_text(compare_items(wanted, held, autopilot))
     if wrong is not None:
-        raise VehicleError(f"the vehicle has a different mission ({wrong}) and was not armed: upload the mission first")
+        raise VehicleError(
+            f"the mission on the vehicle differs from the plan ({wrong}), so the vehicle was not "
+            "armed; upload the mission first"
+        )

@@ -16,13 +16,13 @@ from uavcover.flight.session import Session, Stopped
 from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
-_ASKED = "second stop"
+_ASKED = "the user stopped the flight a second time"
 
 PlanReturn = Callable[[float, float, float], Mission]
 """Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
 
 
-def hold(session: Session, text: str = "stop: the vehicle is commanded to hold") -> None:
+def hold(session: Session, text: str = "stop: commanding the vehicle to hold") -> None:
     """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
 
     Raises:
@@ -41,7 +41,7 @@ def hold(session: Session, text: str = "stop: the vehicle is commanded to hold")
     session.wait(
         at_rest,
         timeout_s=session.timeouts.halt_s,
-        what=lambda: f"the vehicle, in {session.mode_name}, does not stop",
+        what=lambda: f"the vehicle is in {session.mode_name} and does not stop",
     )
     session.tell(EventKind.STOP, "the vehicle holds its position")
 
@@ -89,11 +89,11 @@ def return_home(
                 hold(session)
                 return _leave(session, _ASKED)
             why = session.watch.text_of(stop.cause)
-            session.tell(EventKind.STOP, f"the return is planned again: {why}")
+            session.tell(EventKind.STOP, f"planning the return again: {why}")
         else:
             return True
     hold(session)
-    return _leave(session, f"the return was disturbed {FOLLOWING.most_ways_home} times; last, {why}")
+    return _leave(session, f"the return was interrupted {FOLLOWING.most_ways_home} times, most recently because {why}")
 
 
 def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear: Callable[[Mission], bool]) -> Mission:
@@ -105,7 +105,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
     except FlightFaultError as error:
         if error.ending is not Ending.FAILED:
             raise
-        session.tell(EventKind.WARNING, f"{error}: returning anyway", alarm=True)  # as in a strong wind
+        session.tell(EventKind.WARNING, f"{error}; returning anyway", alarm=True)  # as in a strong wind
     if session.stop() > stops:
         raise _LeftHoldingError(_ASKED)
     here = session.monitor.latest(m.GlobalPositionInt)
@@ -115,9 +115,9 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         mission = plan_return(here.lat_deg, here.lon_deg, here.alt_amsl_m)
         is_clear = clear(mission)
     except (UavcoverError, MissionIoError) as error:
-        raise _LeftHoldingError(f"there is no checked return from here: {error}") from error
+        raise _LeftHoldingError(f"no checked return starts at the current position: {error}") from error
     if not is_clear:
-        session.tell(EventKind.STOP, "the vehicle holds until the return is clear of other vehicles")
+        session.tell(EventKind.STOP, "the vehicle holds until its return is clear of other vehicles")
     while not is_clear:
         if session.stop() > stops:
             raise _LeftHoldingError(_ASKED)
@@ -126,7 +126,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         try:
             is_clear = clear(mission)
         except UavcoverError as error:
-            raise _LeftHoldingError(f"there is no return that is separated from the other vehicles: {error}") from error
+            raise _LeftHoldingError(f"no return keeps the separation from the other vehicles: {error}") from error
     return mission
 
 
@@ -144,9 +144,9 @@ def _send(session: Session, mission: Mission, stops: int, preconditions: Precond
             lambda: session.client.upload_and_verify(mission, in_flight=True), while_in=[hold_mode(session)]
         )
     except MissionIoError as error:
-        raise _LeftHoldingError(f"the return could not be uploaded: {error}") from error
+        raise _LeftHoldingError(f"cannot upload the return: {error}") from error
     if not checked.passed:
-        raise _LeftHoldingError("the return differs after read-back")
+        raise _LeftHoldingError("the mission read back from the vehicle differs from the return")
     if session.stop() > stops:
         raise _LeftHoldingError(_ASKED)
     return mission
@@ -162,7 +162,7 @@ def _above_moved_home(mission: Mission, up_m: float) -> Mission:
 def _leave(session: Session, why: str) -> bool:
     session.tell(
         EventKind.STOP,
-        f"{why}: the vehicle holds in {session.mode_name}, armed and in the air; take over now",
+        f"{why}: the vehicle holds in {session.mode_name}, armed and in the air; take manual control now",
     )
     return False
 

@@ -24,8 +24,8 @@ from uavcover.model.vehicle import Vehicle
 class BatteryAllows(Enum):
     """Flight that a battery allows."""
 
-    GO_ON = "it is sufficient to continue"
-    GO_HOME = "it is only sufficient for the return"
+    GO_ON = "the charge is sufficient to continue"
+    GO_HOME = "the charge is sufficient only for the return"
 
 
 @dataclass(slots=True)
@@ -172,8 +172,8 @@ class FlightSchedule:
         self._session.watch.measure(
             Ending.LATE, self.late_s if late else None,
             f"the flight is {self.late_s:.0f} s late: {self.aloft_s:.0f} s in the air instead of the planned "
-            f"{done_s:.0f} s; it lands after about {self.aloft_s + self.left_s:.0f} s instead of {total_s:.0f} s",
-            "the flight is on time again",
+            f"{done_s:.0f} s; it will land after about {self.aloft_s + self.left_s:.0f} s instead of {total_s:.0f} s",
+            "the flight is on schedule again",
         )  # fmt: skip
         self._look_at_reserve(place_m, self.left_s)
 
@@ -188,16 +188,16 @@ class FlightSchedule:
         if remaining_percent is not None and remaining_percent >= 0:
             source, percent = "the battery", float(remaining_percent)
         elif vehicle.endurance_s is not None:
-            source, percent = "its endurance", 100.0 * (1.0 - self.aloft_s / vehicle.endurance_s)
+            source, percent = "the planned endurance", 100.0 * (1.0 - self.aloft_s / vehicle.endurance_s)
         else:
             return
         use.take(percent, aloft_s=self.aloft_s)
         below = percent < 100.0 * vehicle.reserve_fraction
         self._session.watch.measure(
             Ending.RESERVE_USED, 100.0 / max(1.0, percent) if below else None,
-            f"the flight uses its reserve: {source} has {max(0.0, percent):.0f} % left, but the reserve is "
-            f"{100.0 * vehicle.reserve_fraction:.0f} %",
-            "the battery is above the reserve again",
+            f"the flight is using its battery reserve: {source} has {max(0.0, percent):.0f} % left, but the reserve "
+            f"is {100.0 * vehicle.reserve_fraction:.0f} %",
+            "the battery is above its reserve again",
         )  # fmt: skip
         if self._home_s is None or self._must is not None or use.lasts_on(left_s):
             return
@@ -207,7 +207,7 @@ class FlightSchedule:
             return
         if use.allows(rest_s=left_s, home_s=home_s) is BatteryAllows.GO_HOME:
             self._must = (
-                f"{source} has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
+                f"{source} has {percent:.0f} % left and loses {60.0 * use.each_s:.1f} % per minute: the return takes "
                 f"{home_s:.0f} s and the remaining mission {left_s:.0f} s, which would use the reserve of "
                 f"{100.0 * vehicle.reserve_fraction:.0f} %; the vehicle returns now"
             )
@@ -255,7 +255,7 @@ class PhotoWatch:
         lasts_s = now_s - (now_s if self._since_s is None else self._since_s)
         session.watch.measure(
             Ending.PHOTOS_MISSING, missing,
-            f"the camera reported no photo for {self._flown_m:.0f} m, {lasts_s:.0f} s; {self._expected} were expected",
+            f"the camera has reported no photo for {self._flown_m:.0f} m ({lasts_s:.0f} s); expected photos: {self._expected}",
             "the camera reports photos again",
         )  # fmt: skip
 

@@ -117,8 +117,8 @@ class Session:
         try:
             vehicle = self.client.vehicle
         except MisuseError:
-            return "out of contact"
-        unproved = "on the ground, as the vehicle reports" if monitor.ground.says_landed else "somewhere"
+            return "not in contact"
+        unproved = "on the ground, according to the vehicle" if monitor.ground.says_landed else "somewhere"
         where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
         here = monitor.latest(m.GlobalPositionInt)
@@ -174,7 +174,7 @@ class Session:
     def _unknown_text(self) -> str:
         return (
             f"the vehicle sends messages, but its state has been unknown for {self.evidence.unknown_s:.0f} s: "
-            f"{self.evidence.missing} is missing; no command is sent until it arrives"
+            f"waiting for {self.evidence.missing} before sending any command"
         )
 
     def listen(self, seconds: float) -> None:
@@ -231,7 +231,7 @@ class Session:
             raise self._withheld()
 
     def _withheld(self) -> TakenOverError:
-        how = f"armed, in {self.mode_name}" if self.client.vehicle.armed else "disarmed"
+        how = f"armed and in {self.mode_name}" if self.client.vehicle.armed else "disarmed"
         return TakenOverError(Ending.TAKEN_OVER, f"no command was sent: the vehicle is {how}")
 
     def _command(self, act: Callable[[], ResultT], may: Callable[[], bool]) -> ResultT:

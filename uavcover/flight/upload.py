@@ -127,8 +127,8 @@ def send_and_compare(
     for words in return_warnings(compiled.own_returns.advice(read_return_parameters(session))):
         user.warn(words)
     user.say(
-        f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above home "
-        "(fence items contain no height)"
+        f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above "
+        "home, because fence items contain no height"
     )
     return document
 
@@ -158,21 +158,18 @@ def _say_items(error: TransferError, user: User) -> None:
         )
         user.warn(f"now on the vehicle: {number}: {name_of(item.command)}{place}")
     if len(error.held_items) > PREPARATION.shown_items:
-        user.warn(
-            f"now on the vehicle: {len(error.held_items) - PREPARATION.shown_items} more; list them with: "
-            "uavcover download"
-        )
+        user.warn(f"also on the vehicle: {len(error.held_items) - PREPARATION.shown_items} items; see download")
 
 
 def say_comparison(user: User, result: ReadBack) -> None:
     """Report the differences of the read-back, and warn of those that change the meaning."""
     name = result.mission_type.name.lower()
     if not result.differences:
-        user.say(f"{name}: {len(result.sent)} items sent, read back equal")
+        user.say(f"{name}: uploaded and verified ({len(result.sent)} items)")
         return
     wrong = faults(result.differences)
-    changed = f", and changed the meaning of {len(wrong)}" if wrong else ""
+    changed = f"and changed the meaning of {len(wrong)}" if wrong else ""
     normalised = len(result.differences) - len(wrong)
-    user.say(f"{name}: {len(result.sent)} items sent, the autopilot normalised {normalised} fields{changed}")
+    user.say(f"{name}: uploaded {len(result.sent)} items; the autopilot normalised {normalised} fields{changed}")
     for fault in wrong[:5]:
         user.warn(f"{name}: {fault}")

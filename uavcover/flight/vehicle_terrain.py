@@ -67,10 +67,10 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         TerrainError: the files cannot be used.
     """
     if not data.names:
-        raise InputError(f"{data.option}: specify elevation data: a raster, a folder or a pattern of tiles")
+        raise InputError(f"{data.option}: specify elevation data, such as a raster, a folder or a pattern of tiles")
     unit = None if data.height_unit is None else data.height_unit.casefold()
     if unit not in (None, *get_args(HeightUnit)):
-        raise InputError(f"--height-unit: {data.height_unit!r} is not known; use m, dm, cm, ft or us-ft")
+        raise InputError(f"--height-unit: unknown unit {data.height_unit!r}; use m, dm, cm, ft or us-ft")
     source = TerrainSource(
         find_tiles(data.names, folder=Path(), around=around),
         crs=data.crs,
@@ -84,7 +84,7 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         return source, fitting[0]
     wanted = datum_named(data.vertical_datum)
     if wanted not in fitting and not (wanted == ELLIPSOID and len(fitting) > 1):
-        raise InputError(f"--vertical-datum: the option says {wanted}, but {source} says {fitting[0]}; omit the option")
+        raise InputError(f"--vertical-datum: the option is {wanted}, but {source} is {fitting[0]}; omit this option")
     return source, wanted
 
 
@@ -102,7 +102,7 @@ def heights_of_files(source: TerrainSource, vertical_datum: str, say: Callable[[
         try:
             return [float(height) for height in read_heights_amsl_m(source, vertical_datum, lat_deg, lon_deg)]
         except TerrainError as error:
-            say(f"terrain heights for the vehicle: {error}")
+            say(f"cannot send terrain heights to the vehicle: {error}")
             return [float("nan")] * len(places)
 
     return heights_amsl_m
@@ -158,7 +158,7 @@ def serve_terrain(client: Client, heights: Heights, user: User) -> TerrainCounts
             counts = answers.counts
             if counts != reported and now >= report_at_s:
                 reported, report_at_s = counts, now + TERRAIN.tell_every_s
-                user.say(f"{counts.blocks} blocks requested, {counts.parts_sent} parts of them sent")
+                user.say(f"the vehicle requested {counts.blocks} terrain blocks; sent {counts.parts_sent} parts")
     client.services.remove(answers)
     return answers.counts
 
@@ -188,7 +188,7 @@ def write_terrain_files(
     known = {block: parts_of_block(places_of_block(*_corner_deg(block), spacing_m), heights) for block in blocks}
     lacking = sum(part is None for parts in known.values() for part in parts)
     if lacking == PART_COUNT * len(known):
-        raise TerrainError("the elevation data has no height in any block of terrain around the area")
+        raise TerrainError("the elevation data contains no height in any terrain block around the area")
     if lacking:
         user.warn(
             f"no elevation data for {lacking} of {PART_COUNT * len(known)} parts of {len(known)} blocks: they "
@@ -200,7 +200,7 @@ def write_terrain_files(
             files.setdefault(dat_name(block.south_deg, block.west_deg), {})[block] = parts
     there = [name for name in files if (folder / name).exists()]
     if there and not force:
-        raise OutputError(f"{folder / there[0]} already exists: choose another folder, or use --force to replace it")
+        raise OutputError(f"{folder / there[0]} already exists; use --force to overwrite it, or choose another folder")
     for name, content in files.items():
         write_file(folder / name, dat_bytes(content))
     return {name: len(content) for name, content in files.items()}
@@ -214,7 +214,7 @@ def _corner_deg(block: TerrainBlock) -> Place:
 def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
     """The blocks that touch a box, found by positions closer together than the sides of a block."""
     if not 10 <= spacing_m <= 1000:
-        raise InputError(f"--spacing: {spacing_m} m is not between 10 and 1000; use the vehicle's TERRAIN_SPACING")
+        raise InputError(f"--spacing: must be 10 to 1000 m, not {spacing_m} m; use the vehicle's TERRAIN_SPACING")
     west, south, east, north = around
     step_deg = 0.9 * STEP_NORTH * spacing_m / EQUATOR_M_PER_DEG
     scale = max(0.01, math.cos(math.radians(max(abs(south), abs(north)))))

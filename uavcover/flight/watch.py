@@ -248,7 +248,7 @@ class Watch:
         silence_s = self._monitor.silence_s(now)
         self._look_at_silence(silence_s)
         if self._monitor.restarted:
-            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock started again"
+            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock was reset"
             self.open(Ending.RESTARTED, text)
             raise FlightFaultError(Ending.RESTARTED, text)
         if silence_s <= self._timeouts.deadman_s:
@@ -267,18 +267,18 @@ class Watch:
         if silence_s > self._timeouts.link_lost_s and self.is_open(
             Ending.LINK_LOST
         ):  # a pause of ours is no silence yet
-            text = f"link lost: no message from vehicle {vehicle} for {silence_s:.1f} s"
+            text = f"link lost: no messages from vehicle {vehicle} for {silence_s:.1f} s"
             self.open(Ending.LINK_LOST, text)
             raise FlightFaultError(Ending.LINK_LOST, f"{text}; check the vehicle and the link")
         if silence_s > self._timeouts.deadman_s:
             self.open(
                 Ending.LINK_LOST,
-                f"no message from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._timeouts.link_lost_s:g} s",
+                f"no messages from vehicle {vehicle} for {silence_s:.1f} s; waiting up to {self._timeouts.link_lost_s:g} s",
                 silence_s,
             )
         elif self.is_open(Ending.LINK_LOST):
             self._heard_again_at_s = self._client.clock.now()
-            self.close(Ending.LINK_LOST, f"vehicle {vehicle} sends messages again")
+            self.close(Ending.LINK_LOST, f"receiving messages from vehicle {vehicle} again")
 
     def _look_at_heartbeat(self, now: float) -> None:
         """A missing heartbeat while other messages arrive: following continues with these."""
@@ -287,12 +287,12 @@ class Watch:
         if age_s > self._timeouts.heartbeat_s:
             self.open(
                 Ending.HEARTBEAT_LOST,
-                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages arrive; its "
-                "mode and armed state are unknown",
+                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages are "
+                "arriving; its mode and armed state are unknown",
                 age_s,
             )
         elif self.is_open(Ending.HEARTBEAT_LOST):
-            self.close(Ending.HEARTBEAT_LOST, f"the heartbeat of vehicle {vehicle} is back")
+            self.close(Ending.HEARTBEAT_LOST, f"receiving heartbeats from vehicle {vehicle} again")
 
     def _look_at_positions(self, now: float) -> None:
         if self._monitor.position_at_s is None:
@@ -301,11 +301,11 @@ class Watch:
         if now - heard_at > self._timeouts.deadman_s:
             self.open(
                 Ending.POSITION_LOST,
-                f"no position for {now - heard_at:.1f} s, although other messages arrive",
+                f"no position for {now - heard_at:.1f} s, although other messages are arriving",
                 now - heard_at,
             )
         elif self.is_open(Ending.POSITION_LOST):
-            self.close(Ending.POSITION_LOST, "positions arrive again")
+            self.close(Ending.POSITION_LOST, "receiving positions again")
 
     def _look_at_fix(self) -> None:
         gps = self._monitor.latest(m.GpsRawInt)
