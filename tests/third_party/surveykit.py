@@ -38,7 +38,7 @@ def write_points(compiled: CompiledMission, *, autopilot: str, name: str) -> byt
 def line_scanner(table: dict[str, float]) -> dict[str, object]:
     """A camera that sees a strip across the track: a frame camera whose picture is 20 degrees long."""
     if not 0.0 < table["swath_deg"] < 180.0:
-        raise ValueError(f"swath_deg: {table['swath_deg']:g} is outside 0..180 degrees")
+        raise ValueError(f"swath_deg: must be between 0 and 180 degrees, not {table['swath_deg']:g}")
     return {
         "kind": "frame-camera", "fov_across_deg": table["swath_deg"], "fov_along_deg": 20.0, "range_m": table["range_m"],
         "mount": "stabilised",

@@ -99,33 +99,36 @@ def test_an_arc_between_two_places():
 def test_classes_open_to_all_are_left_out_and_told():
     read = read_openair(f"AC E\nAN a\n{SQUARE}\nAC G\nAN b\n{SQUARE}\nAC CTR\nAN c\n{SQUARE}\nAC E\nAN d\n{SQUARE}")
     assert [zone.name for zone in read.zones] == ["c"]
-    assert read.notes == ("2 of class E ignored: open to all", "1 of class G ignored: open to all")
+    assert read.notes == (
+        "ignored 2 zones of class E, which are open to all",
+        "ignored 1 zones of class G, which are open to all",
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("DP 46:00:00 N 007:00:00 E", "line 1: DP precedes the first AC"),
+        ("DP 46:00:00 N 007:00:00 E", "line 1: the record DP precedes the first AC"),
         ("AC R\nAN x\nDP 46:00:00 N", "line 3, zone x: '46:00:00 N' is not a position"),
         ("AC R\nAN x\nDP 46:61:00 N 007:00:00 E", "46:61:0 is not an angle"),
         ("AC R\nAN x\nDP 91:00:00 N 007:00:00 E", "is not an angle"),
         ("AC R\nAN x\nAL high", "'high' is not a height"),
         ("AC R\nAN x\nDC 2", "the arc or circle has no centre"),
         ("AC R\nAN x\nV X=46:00:00 N 007:00:00 E\nDC -2", "the first a radius"),
-        ("AC R\nAN x\nV X=46:00:00 N 007:00:00 E\nDA 2,10", "3 numbers are expected"),
+        ("AC R\nAN x\nV X=46:00:00 N 007:00:00 E\nDA 2,10", "3 numbers"),
         ("AC R\nAN x\nV X=46:00:00 N 007:00:00 E\nDC nan", "the first a radius"),
         (
             "AC R\nAN x\nV X=46:00:00 N 007:00:00 E\nDB 46:01:00 N 007:00:00 E, 46:09:00 N 007:00:00 E",
             "from its centre",
         ),
-        ("AC R\nAN x\nDY 46:00:00 N 007:00:00 E", "DY is not supported"),
+        ("AC R\nAN x\nDY 46:00:00 N 007:00:00 E", "unsupported"),
         ("AC R\nAN x\nhello", "'hello' is not an OpenAir record"),
         (
             "AC R\nAN x\nDP 46:00:00 N 007:00:00 E\nDP 46:01:00 N 007:00:00 E",
-            "2 different corners; a zone needs at least 3",
+            "the zone has 2 different corners, but needs at least 3",
         ),
         (f"AC R\nAN x\nV X=46:00:00 N 007:00:00 E\nDC 1\n{SQUARE}", "both a circle"),
-        ("AC R\nAN x\nV Q=1", "is not supported"),
+        ("AC R\nAN x\nV Q=1", "unsupported"),
     ],
 )
 def test_what_cannot_be_understood(text, message):

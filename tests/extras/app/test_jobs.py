@@ -65,7 +65,7 @@ def test_a_job_is_found_by_the_next_server_and_stopped(sleeper: Jobs, tmp_path: 
     assert again.code is None
     assert again.document()["command"] == ["uavcover", "plan", "x", "--json", "--events"]
     assert again.signal(signal.SIGUSR1)
-    with pytest.raises(InputError, match="another command uses this run folder"):
+    with pytest.raises(InputError, match="another command is using this run folder"):
         Jobs(tmp_path).start("verify", ["verify", "run"], run="run")
     assert again.signal(signal.SIGTERM)  # of two signals that wait, the lower number is taken first
     wait_for_end(job)

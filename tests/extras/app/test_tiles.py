@@ -91,7 +91,7 @@ def test_places_and_local_positions_go_there_and_back() -> None:
 
 @pytest.mark.parametrize("tile", [(-1, 0, 0), (23, 0, 0), (3, 8, 0), (3, 0, 8), (0, 1, 0)])
 def test_a_tile_that_is_none_is_refused(tile: tuple[int, int, int]) -> None:
-    with pytest.raises(InputError, match="the map has no such tile"):
+    with pytest.raises(InputError, match="the map has no tile"):
         tiles.height_tile(TerrainSource((DEM,)), *tile)
 
 

@@ -93,7 +93,7 @@ def test_a_plan_knows_its_folder_and_one_without_is_refused(tmp_path: Path) -> N
     assert len(widget.document_of(plan)["route"]) == plan.chosen.metrics.waypoint_count
     chosen = uavcover.select(tmp_path / "run", "coverage>=0.5")
     assert chosen.folder == plan.folder
-    with pytest.raises(InputError, match="is not in a run folder"):
+    with pytest.raises(InputError, match="was not saved to a run folder"):
         widget.document_of(dataclasses.replace(plan, folder=""))
 
 

@@ -36,5 +36,5 @@ def test_bad_times_are_one_line(cli: Cli, tmp_path: Path, times: str) -> None:
 
 
 def test_bad_usage_is_one_line(cli: Cli) -> None:
-    assert "-o/--out: name the folder" in cli("bench", "coverage").error
+    assert "-o/--out: specify a folder" in cli("bench", "coverage").error
     assert "--algorithms: unknown: 'spiral'" in cli("bench", "coverage", "--algorithms", "spiral").error

@@ -14,7 +14,7 @@ def test_simulated_transfers_are_tabulated_and_kept(cli: Cli, tmp_path: Path) ->
     assert "| px4 | download | 1 ms | 20% | 2/2 |" in table
     assert len((tmp_path / "link" / "link.csv").read_text().splitlines()) == 1 + 8
     again = cli(*wanted)
-    assert "16 transfers, 16 of them already in" in again.out
+    assert "transfers: 16; already in" in again.out
     assert again.out.endswith(table)
 
 
@@ -23,7 +23,7 @@ def test_simulated_transfers_are_tabulated_and_kept(cli: Cli, tmp_path: Path) ->
     [
         ((), "-o/--out"),
         (("-o", "x", "--clients", "pigeon"), "choose from simulated, native, mavsdk"),
-        (("-o", "x", "--losses", "some"), "not numbers"),
+        (("-o", "x", "--losses", "some"), "must be a list of numbers"),
         (("-o", "x", "--losses", "0,1"), "below 1"),
         (("-o", "x", "--losses", "nan"), "below 1"),
     ],
@@ -44,7 +44,7 @@ def test_stopped_and_resumed(cli: Cli, tmp_path: Path, how: signal.Signals) -> N
         _, errors = process.communicate()
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert "repeat the command to continue" in errors
+        assert "run the command again to continue" in errors
     done = outcomes.read_text().count("\n") - 1
     assert 4 <= done < 32
     resumed = cli(*wanted, "--json")

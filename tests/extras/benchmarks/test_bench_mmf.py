@@ -53,8 +53,8 @@ def test_the_same_command_again_makes_nothing(cli: Cli, tmp_path: Path) -> None:
     ("arguments", "told"),
     [
         (("--functions", "MMF1,MMF99"), "--functions: unknown: 'MMF99'; choose from MMF1"),
-        (("--algorithms", ","), "--algorithms: the name is missing; choose from imodbo"),
-        ((), "-o/--out: name the folder"),
+        (("--algorithms", ","), "--algorithms: no name is given; choose from imodbo"),
+        ((), "-o/--out: specify a folder"),
     ],
 )
 def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], told: str) -> None:
@@ -106,7 +106,7 @@ def test_stopped_hard_in_the_middle_and_resumed_gives_the_same_sets(
     assert 3 <= len(before) < 12
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert "repeat the command to continue" in errors
+        assert "run the command again to continue" in errors
     stamps = {name: (broken / name).stat().st_mtime_ns for name in before}
     resumed = cli(*TWELVE, "-o", broken, "--json")
     assert resumed.code == 0
@@ -123,5 +123,5 @@ def test_a_missing_package_is_refused_before_anything_is_computed(
     monkeypatch.setitem(sys.modules, "pymoo.core.problem", None)
     ended = cli("bench", "mmf", "-o", tmp_path / "mmf", "--functions", "MMF1", "--algorithms", "imodbo,nsga2")
     assert ended.code == 2
-    assert "needs pymoo" in ended.error
+    assert "requires pymoo" in ended.error
     assert not (tmp_path / "mmf").exists()

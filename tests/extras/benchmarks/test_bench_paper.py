@@ -28,4 +28,4 @@ def test_writes_the_tables_and_makes_nothing_twice(cli: Cli, tmp_path: Path) -> 
 
 def test_bad_usage_is_one_line(cli: Cli, tmp_path: Path) -> None:
     assert "--readings: unknown: 'R3'" in cli("bench", "paper", "--readings", "R3", "-o", tmp_path).error
-    assert "-o/--out: name the folder" in cli("bench", "paper").error
+    assert "-o/--out: specify a folder" in cli("bench", "paper").error

@@ -101,8 +101,8 @@ def test_bad_usage_is_one_line(cli: Cli, data: Path, tmp_path: Path) -> None:
     assert "no benchmark.json.gz" in cli("bench", "cetsp", tmp_path / "none", *arguments).error
     assert "--names: unknown: 'five'" in cli("bench", "cetsp", data, "--names", "five", *arguments).error
     (data / "solutions" / "benchmark" / "four.txt").write_text("value : 32\n0,1\n0 a b\n")
-    assert "four.txt: cannot be read" in cli("bench", "cetsp", data, *arguments).error
+    assert "four.txt: cannot read" in cli("bench", "cetsp", data, *arguments).error
     (data / "benchmark.json.gz").write_bytes(b"{}")
-    assert "benchmark.json.gz: cannot be read" in cli("bench", "cetsp", data, *arguments).error
+    assert "benchmark.json.gz: cannot read" in cli("bench", "cetsp", data, *arguments).error
     (data / "benchmark.json.gz").write_bytes(gzip.compress(b'{"four": {"disks": []}}'))
-    assert "benchmark.json.gz: cannot be read" in cli("bench", "cetsp", data, *arguments).error
+    assert "benchmark.json.gz: cannot read" in cli("bench", "cetsp", data, *arguments).error

@@ -149,7 +149,7 @@ def test_real_trials_are_written_too(tmp_path: Path) -> None:
 
 def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / OUTCOMES).write_text("a,b\n1,2\n")
-    with pytest.raises(InputError, match="line 2: cannot be read"):
+    with pytest.raises(InputError, match="cannot read line 2"):
         read_outcomes(tmp_path)
 
 

@@ -63,7 +63,7 @@ class TestFolder:
         folder, run = MmfFolder(tmp_path), RunId(1, "MMF1", "imodbo")
         folder.file(run).parent.mkdir(parents=True)
         folder.file(run).write_text(text)
-        with pytest.raises(InputError, match=r"1\.csv: cannot be read .*; remove it"):
+        with pytest.raises(InputError, match=r"1\.csv: cannot read .*; delete it"):
             folder.read(run)
 
     def test_files_of_others_are_no_runs(self, tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ class TestFolder:
             pass
         with folder.reserved(SMALL):
             pass
-        with pytest.raises(InputError, match="population 12, iterations 4, archive 8, not with population 200"):
+        with pytest.raises(InputError, match="population 12, iterations 4, archive 8, not population 200"):
             folder.reserved(Budget()).__enter__()
 
     def test_a_folder_of_something_else_is_refused(self, tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ class TestFolder:
 
     def test_settings_that_cannot_be_read(self, tmp_path: Path) -> None:
         (tmp_path / "settings.json").write_text("[3]")
-        with pytest.raises(InputError, match=r"settings\.json: cannot be read"):
+        with pytest.raises(InputError, match=r"settings\.json: cannot read"):
             MmfFolder(tmp_path).reserved(SMALL).__enter__()
 
 
@@ -128,7 +128,7 @@ class TestRuns:
             assert here.file(run).read_bytes() == there.file(run).read_bytes()
 
     def test_processes_are_not_for_a_scheduler(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match="--processes: requires runs on this machine alone"):
+        with pytest.raises(InputError, match="--processes cannot be combined with --scheduler"):
             list(make_runs(MmfFolder(tmp_path), [], SMALL, processes=2, scheduler="local:2"))
 
 

@@ -167,5 +167,5 @@ class TestKeptRuns:
         assert folder.done() == ["a/1", "b/9", "b/10"]
         assert folder.read("b/9") == {"x": 0.1}
         folder.file("b/9").write_text("[1]")
-        with pytest.raises(InputError, match=r"9\.json: cannot be read .*; remove it"):
+        with pytest.raises(InputError, match=r"9\.json: cannot read .*; delete it"):
             folder.read("b/9")

@@ -75,7 +75,7 @@ def test_ours_in_pymoo_reads_whether_local_sets_are_wanted():
 
 
 def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(InputError, match=r"problem 'MMF3' is not known: choose one of MMF1, MMF2, MMF4"):
+    with pytest.raises(InputError, match=r"unknown problem 'MMF3'; choose from MMF1, MMF2, MMF4"):
         pymoo_problem("MMF3")
 
 
@@ -92,5 +92,5 @@ def test_without_pymoo_one_line_says_what_to_install(statement, who):
     code = f"import sys; sys.modules['pymoo'] = None; from uavcover.optimizers import ALGORITHMS; {statement}"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     last = ran.stderr.splitlines()[-1]
-    assert last.startswith(f"uavcover.errors.OptimizerError: {who} needs pymoo (")
+    assert last.startswith(f"uavcover.errors.OptimizerError: {who} requires pymoo (")
     assert last.endswith("pip install pymoo")

@@ -82,7 +82,7 @@ def test_a_home_and_a_pilot_under_trees(cli: Cli, tmp_path: Path, models: Any) -
     file = mission(tmp_path, rows, home=(300.0, 300.0))
     ended = cli("check", file, "--dem", models.ground, "--dsm", models.surface, "--return-height", "100m", "--json")
     found = {(one["kind"], one["weight"]): one for one in ended.document["findings"]}
-    assert "land away from obstacles" in found["ground", "breaks"]["do"]
+    assert "landing positions away from obstacles" in found["ground", "breaks"]["do"]
     assert "under trees" in found["sight", "look"]["what"]
 
 

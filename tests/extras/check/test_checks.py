@@ -253,12 +253,12 @@ def test_swapped_axes_of_items(swap: tuple[int, ...]) -> None:
 
 def test_everything_swapped_or_elsewhere() -> None:
     swapped = checked(whole=Mission(GeoPoint(LON, LAT, 0.0), OVER))
-    assert [one.what for one in swapped.findings] == ["latitude and longitude of home are swapped"]
+    assert [one.what for one in swapped.findings] == ["latitude and longitude of home seem to be swapped"]
     assert swapped.verdict == "failed"
     beside = checked(whole=Mission(GeoPoint(LAT + 1.0, LON, 0.0), OVER))
     assert "outside the elevation data" in beside.findings[0].what
     far = checked(whole=Mission(GeoPoint(-LAT, LON, 0.0), (MissionItem(16, Frame.AMSL, (0.0,) * 4, -LAT, LON, 50.0),)))
-    assert "the mission is outside the elevation data" in far.findings[0].what
+    assert "the mission lies outside the elevation data" in far.findings[0].what
 
 
 def test_places_that_nobody_means() -> None:
@@ -363,7 +363,7 @@ def test_a_rally_point_whose_height_above_the_sea_is_taken_as_one_above_home() -
     own = OwnReturn(parameters={}, rally=(rally_at(200.0, 0.0, 705.0),))
     outcome = checked(*OVER, limits=limits, own_return=own)
     assert rally_words(outcome) == [
-        "rally point 1: 705 m above home is 705 m above ground; this value is a height above sea level"
+        "rally point 1: 705 m above home is 705 m above ground; the value seems to be a height above sea level"
     ]
     own = OwnReturn(parameters={}, rally=(rally_at(200.0, 0.0, 705.0, Frame.AMSL),))
     assert rally_words(checked(*OVER, limits=limits, own_return=own)) == []

@@ -95,7 +95,7 @@ def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
     for more, code, said in (
         ((), 1, "1 no-fly zones have schedules and count as always active"),
         (("--at", "2026-06-06T09:00Z"), 1, ""),
-        (("--at", "2026-06-05T09:00Z/2h"), 0, "1 of 1 no-fly zones are not active during the flight"),
+        (("--at", "2026-06-05T09:00Z/2h"), 0, "1 of 1 no-fly zones, inactive at that time"),
     ):
         ended = cli(*weekend, *more)
         assert (ended.code, said in ended.out) == (code, True), ended.out
@@ -161,7 +161,7 @@ def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, told: float) -> Non
         (("empty.waypoints", "--dem", DEM), "no items"),
         (("broken.waypoints", "--dem", DEM), "broken.waypoints"),
         (("m.waypoints", "--dem", "none.tif"), "none.tif: no such file; set --dem"),
-        (("m.waypoints", "--dem", DEM, "--min-height", "130m"), "above --max-height (120 m)"),
+        (("m.waypoints", "--dem", DEM, "--min-height", "130m"), "greater than --max-height (120 m)"),
         (("m.waypoints", "--dem", DEM, "--vehicle", "bicycle"), "bicycle"),
         (("m.waypoints", "--dem", DEM, "--flies-as", "bird"), "bird"),
         (("m.waypoints", "--dem", DEM, "--autopilot", "me"), "me"),
@@ -181,9 +181,9 @@ def test_obstacles_of_map_programs(cli: Cli, tmp_path: Path, told: float) -> Non
         (("m.waypoints", "--dem", DEM, "--fix"), "-o"),
         (("m.waypoints", "--dem", DEM, "-o", "n.waypoints"), "--fix"),
         (("m.waypoints", "--dem", DEM, "--fix", "-o", "n.plan"), "n.plan"),
-        (("m.waypoints", "--dem", DEM, "--fix", "-o", "m.waypoints", "--force"), "itself"),
+        (("m.waypoints", "--dem", DEM, "--fix", "-o", "m.waypoints", "--force"), "the original mission"),
         (("m.waypoints", "--dem", DEM, "--fix", "-o", "broken.waypoints"), "--force"),
-        (("swapped.waypoints", "--dem", DEM, "--fix", "-o", "n.waypoints"), "correct that first"),
+        (("swapped.waypoints", "--dem", DEM, "--fix", "-o", "n.waypoints"), "correct this first"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -210,7 +210,7 @@ def test_a_mission_of_another_place(cli: Cli, tmp_path: Path) -> None:
     file.write_text(file.read_text().replace("\t36.", "\t46."))
     ended = cli("check", file, "--dem", DEM)
     assert ended.code == 1
-    assert "the mission is outside the elevation data" in ended.out
+    assert "the mission lies outside the elevation data" in ended.out
 
 
 @pytest.mark.parametrize("name", ["m.waypoints", "m.plan"])

@@ -43,7 +43,7 @@ def test_ground_that_only_a_late_turn_hits() -> None:
     plane = dataclasses.replace(EARLY, turn_radius_m=60.0, acceptance_m=20.0)
     told = [one for one in checked(*legs, aircraft=plane).findings if one.kind == "ground"]
     assert told
-    assert all("in the turn there" in one.what for one in told)
+    assert all("in the turn at this item" in one.what for one in told)
     assert not [one for one in checked(*legs, aircraft=COPTER).findings if one.kind == "ground"]
 
 

@@ -90,8 +90,8 @@ def test_what_is_said_of_the_vehicles() -> None:
     say_fleet(user, fleet_document(site, flights))
     *rows, total = user.lines
     assert [row.split()[:2] for row in rows] == [["vehicle", "1"], ["vehicle", "2"]]
-    assert total.startswith("2 vehicles: done after ")
-    assert "one vehicle with the same sorties: " in total
+    assert total.startswith("2 vehicles: mission completed after ")
+    assert "with one vehicle and the same sorties: " in total
 
 
 def test_one_vehicle_has_nothing_to_say() -> None:

@@ -53,7 +53,7 @@ def test_what_a_lost_one_leaves_becomes_gaps(tmp_path: Path) -> None:
     told = fly_script(jobs_of(tmp_path), {"002": FELL}, on_loss=OnLoss.GAPS)
     assert told.landed() == {"001", "003"}
     assert sorted(told.flight.work.left) == ["002", "004"]
-    assert not any("takes over" in line for line in told.lines)
+    assert not any(" instead: " in line for line in told.lines)
 
 
 def test_two_lost_and_the_third_flies_it_all(tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_a_battery_that_brings_nothing_on_is_not_tried_again(tmp_path: Path, mon
     monkeypatch.setattr("uavcover.extras.fleet.work.rest_of", lambda flown, *_: replace(flown, name=f"{flown.name}+"))
     told = fly_script([job(tmp_path, 1, 1, 0.0)], {"001": EARLY, "001+": EARLY, "001++": EARLY})
     assert told.flight.work.left == ["001"]
-    assert any("remains as a gap: a battery lasts only for the transits" in line for line in told.lines)
+    assert any("remains unflown, as a gap: one battery is enough only for the transits" in line for line in told.lines)
 
 
 def test_a_gain_is_a_waypoint_or_a_part_of_a_leg(tmp_path: Path) -> None:
@@ -144,10 +144,10 @@ def test_a_gain_is_a_waypoint_or_a_part_of_a_leg(tmp_path: Path) -> None:
 def test_an_empty_battery_does_not_keep_the_others_waiting(tmp_path: Path) -> None:
     """Before the first take-off none starts; later its sorties go to the others."""
     told = fly_script(jobs_of(tmp_path), {}, percent={2: 40})
-    assert sum("change its battery" in line for line in told.lines) == 1
+    assert sum("change the battery" in line for line in told.lines) == 1
     assert told.landed() == {"001", "002+", "003", "004"}
     assert told.record("002").began_s is None
     told = fly_script(jobs_of(tmp_path / "b"), {}, percent={1: 40})
     assert told.landed() == set()
     assert told.flight.called_off
-    assert "one vehicle is not ready, so none is started" in told.lines
+    assert "one vehicle is not ready, so no vehicle was started" in told.lines

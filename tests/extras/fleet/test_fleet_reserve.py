@@ -78,7 +78,7 @@ def test_it_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     said = watch(monkeypatch, 45).must_go_home(0.0, aloft_s=100.0)
     assert said is not None
     assert said.startswith(
-        "the battery has 45 % left and uses 20.0 % a minute: the return takes 60 s and the remaining"
+        "the battery has 45 % left and loses 20.0 % per minute: the return takes 60 s and the remaining"
     )
     assert "would use the reserve of 20 %" in said
 

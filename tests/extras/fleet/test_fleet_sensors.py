@@ -102,7 +102,7 @@ def test_each_part_is_planned_for_its_sensor(planned: RunFolder) -> None:
     seen = np.logical_or.reduce([judging_map(job.site).seen(job.route.waypoints_m) for job in jobs.values()], axis=0)
     metrics = planned.read_json("plan.json", made_by="test")["metrics"]
     assert metrics["coverage_fraction"] == judging_map(site).share(seen)
-    with pytest.raises(InfeasibleError, match="it is planned for a sensor that the remaining vehicles do not have"):
+    with pytest.raises(InfeasibleError, match="it requires a sensor that the remaining vehicles do not have"):
         time_for(jobs[2], jobs[2].route, jobs[1].site)
 
 
@@ -116,7 +116,7 @@ def test_it_is_flown_and_judged_by_each_ones_sensor(planned: RunFolder, tmp_path
 
     with pytest.raises(FleetFailedError) as failed:
         fly(run, Hangar(2, make), user)
-    assert any("remains as a gap: it is planned for a sensor" in line for line in user.lines)
+    assert any("remains unflown, as a gap: it requires a sensor" in line for line in user.lines)
     told = failed.value.details()
     document = judged(run)
     whole = next(job for job in planned_jobs(planned, 2) if job.vehicle == 2)

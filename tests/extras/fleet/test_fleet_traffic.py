@@ -253,7 +253,7 @@ def test_two_in_each_others_way_are_told() -> None:
     way_a = np.array([(200.0, 0.0, 50.0), (0.0, 0.0, 50.0), HOME])
     way_b = np.array([(100.0, 0.0, 50.0), (300.0, 0.0, 50.0), (300.0, 0.0, 0.0)])
     assert not flights.may_go_home("a", 10.0, way_a, all_return=True)
-    with pytest.raises(InfeasibleError, match="are not separated from each other"):
+    with pytest.raises(InfeasibleError, match="do not keep the separation from each other"):
         flights.may_go_home("b", 10.0, way_b, all_return=True)
 
 

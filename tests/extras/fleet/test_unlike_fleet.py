@@ -142,11 +142,11 @@ def test_one_vehicle_flies_one_flight_at_a_time_from_its_launch_points(tmp_path:
     # It is one vehicle: it has one link, and the words are those of places.
     run, user = plan_for(tmp_path / "run", site, route), Listener()
     for refuse in (lambda: first_sorties(run, 2), lambda: planned_jobs(run, 2)):
-        with pytest.raises(InputError, match=r"planned one at a time; use one --to, and --sortie N"):
+        with pytest.raises(InputError, match=r"one sortie at a time; use one --to, and --sortie N"):
             refuse()
     say_fleet(user, fleet_document(site, flights))
     assert [line.split("sorties")[0].strip() for line in user.lines[:2]] == ["from home", "from launch point 1"]
-    assert user.lines[2].startswith("one flight at a time: done after ")
+    assert user.lines[2].startswith("one sortie at a time: mission completed after ")
 
 
 def test_it_is_flown_and_judged_by_each_ones_home(planned: RunFolder, tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def test_what_one_leaves_is_taken_over_from_another_home(planned: RunFolder, tmp
         fly(run, hangar, user)
     rows = failed.value.details()["sorties"]
     assert {row["vehicle"]: row["ending"] for row in rows if row["ending"] != "landed"} == {2: "crashed"}
-    assert any("vehicle 1 takes over the remaining part of sortie" in line for line in user.lines)
+    assert any("vehicle 1 flies the remaining part of sortie" in line for line in user.lines)
     rest = next(row for row in rows if "resumed-1" in row["run"])
     taken = load_scenario(Path(rest["run"]) / "scenario.toml")
     assert (taken.home, taken.vehicle.autopilot) == (load_scenario(run.file("scenario.toml")).home, "ardupilot")
@@ -195,7 +195,7 @@ def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: 
         fly(run, Hangar(2, make), user, on_loss=OnLoss.GAPS)
     told = failed.value.details()
     assert len(told["left"]) == 1
-    assert any("planning a separate mission for the remaining route of the lost vehicle" in line for line in user.lines)
+    assert any("planning a gap mission for the remaining route of the lost vehicle" in line for line in user.lines)
     gaps = RunFolder(run.path / "gaps")
     assert told["gaps"]["gaps"] > 0
     site, mission = read_planned(gaps)
@@ -221,7 +221,8 @@ def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) 
 
     hangar = Hangar(2, elsewhere)
     with pytest.raises(
-        FleetFailedError, match=r"it is at the home of vehicle 2: use --to in the order of the vehicles"
+        FleetFailedError,
+        match=r"it stands at the home of vehicle 2; give the --to options in the order of the vehicles",
     ):
         fly(run, hangar, Listener())
     assert all(vehicle.took_off_at_s is None for flown in hangar.flown.values() for vehicle in flown)
@@ -250,9 +251,9 @@ def test_a_vehicle_that_reaches_nothing_stays_on_the_ground(tmp_path: Path) -> N
     run = plan_for(tmp_path / "run", site, route)
     assert {each.vehicle for each in planned_jobs(run, 3)} == {1, 3}
     assert [row.vehicle for row in first_sorties(run, 3)] == [1, 3]
-    with pytest.raises(InputError, match=r"the plan is for 3 vehicles, but --to names 2"):
+    with pytest.raises(InputError, match=r"the plan is for 3 vehicles, but --to is given 2 times"):
         planned_jobs(run, 2)
-    with pytest.raises(InputError, match=r"the 3 vehicles differ, but --to names 2; specify the link of each"):
+    with pytest.raises(InputError, match=r"the 3 vehicles differ, but --to is given 2 times; specify a link for each"):
         first_sorties(run, 2)
 
 

@@ -121,7 +121,7 @@ def test_who_holds_a_sortie_is_told_when_an_upload_fails(folder: Path, monkeypat
 
 def test_more_vehicles_than_the_plan_has(folder: Path) -> None:
     with pytest.raises(
-        InputError, match=r"the plan is for 2 vehicles, but --to names 3; plan it with: .* --vehicles 3"
+        InputError, match=r"the plan is for 2 vehicles, but --to is given 3 times; plan again with: .* --vehicles 3"
     ):
         first_sorties(RunFolder(folder), 3)
 

@@ -104,7 +104,7 @@ def test_elevation_data_is_counted_once_where_workers_map_it(site: Site, monkeyp
 
 def test_workers_elsewhere_have_a_memory_of_their_own(site: Site) -> None:
     request = SearchRequest(memory_bytes=GIB, scheduler="tcp://127.0.0.1:1", parts=2)
-    with pytest.raises(InputError, match=r"--memory: this limits only this machine.*dask worker --memory-limit"):
+    with pytest.raises(InputError, match=r"--memory applies only here.*dask worker --memory-limit"):
         plan(site, request)
 
 

@@ -143,7 +143,7 @@ def test_commands_are_answered_refused_and_wait(autopilot):
         with pytest.raises(CommandRefusedError) as refused:
             client.command(31999)
         assert refused.value.result_name == "UNSUPPORTED"
-        with pytest.raises(MisuseError, match="not finite"):
+        with pytest.raises(MisuseError, match="only finite"):
             client.command(Command.COMPONENT_ARM_DISARM, float("nan"))
         assert not vehicle.armed
 

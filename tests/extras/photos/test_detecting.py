@@ -142,7 +142,7 @@ def test_a_curve_for_other_pictures_is_doubted():
     centimetres = Detection(curve(samples_m=[2.0, 2.5, 3.0, 5.0]), values, values, values)
     assert "in metres" in detection_doubts(centimetres, shown)[0]
     millimetres = Detection(curve(samples_m=[0.002, 0.0025, 0.003, 0.005]), values, values, values)
-    assert "coarser ones find nothing" in detection_doubts(millimetres, shown)[0]
+    assert "coarser photos detect nothing" in detection_doubts(millimetres, shown)[0]
     assert detection_doubts(centimetres, np.full(3, np.nan)) == []
 
 

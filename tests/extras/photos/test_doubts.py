@@ -80,7 +80,7 @@ def test_heights_that_drift_are_told_and_several_take_offs_are_named():
     told = doubts(line(drift_m=30.0))
     assert len(told) == 1
     assert "drift apart by 2" in told[0]
-    assert "several take-offs" in told[0]
+    assert "several flights" in told[0]
 
 
 def test_one_height_alone_tells_nothing_of_the_other():

@@ -210,7 +210,7 @@ def test_a_search_is_judged_by_its_probability_of_detection(cli, tmp_path, flown
     assert np.nanmean(pod) == pytest.approx(told["pod"], abs=0.02)
     assert ("NOT MET" in ended.err) is (code == 1)
     page = (tmp_path / "out.html").read_text()
-    assert "Probability of detection, mean of the area (ball)" in page
+    assert "Probability of detection, mean over the area (ball)" in page
     assert '"Probability of detection"' in page
 
 
@@ -262,7 +262,7 @@ def test_pictures_that_are_blurred_or_may_be_do_not_count(flown, tmp_path, blurr
     counting = [k for k in range(len(flown)) if k % 3 in told and k % 3 not in blurred]
     assert [picture.name for picture in found.placed.pictures] == [f"p{k}" for k in counting]
     # 1.9 cm a pixel at 80 m and 8 m/s: 4 pixels in 10 ms.
-    assert all(why.startswith(("blurred by 4.", "blurred by 3.", "its blur")) for why in found.placed.left_out.values())
+    assert all(why.startswith(("blurred by 4.", "blurred by 3.", "the blur")) for why in found.placed.left_out.values())
     photo_raster(found)
     assert len(picture_table(found, site).splitlines()) == 1 + len(flown)
 
@@ -289,14 +289,14 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 must be above 0"),
         (("--area", AREA, "--dem", DEM, "--angle-error", "-1"), "--angle-error"),
         (("--area", AREA, "--dem", DEM, "--takeoff", "0,0"), "--takeoff: 0, 0 is outside"),
-        (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no photo was taken with the camera"),
+        (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no photo was taken with this camera"),
         (("--area", "46.0,8.0,60", "--dem", DEM), "46"),
         (("--area", AREA, "--dem", DEM, "--max-blur", "0"), "--max-blur: 0 is out of range"),
         (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: this option requires --detection"),
         (("--area", AREA, "--dem", DEM, "--pod", "80", "--detection", "person"), "--pod: 80 is not a probability"),
         (("--area", AREA, "--dem", DEM, "--pod", "nan", "--detection", "person"), "--pod: nan is not a probability"),
         (("--area", AREA, "--dem", DEM, "--detection", "dog"), "--detection: 'dog' is not known"),
-        (("--area", AREA, "--dem", DEM, "--detection", "no.toml"), "no.toml cannot be read"),
+        (("--area", AREA, "--dem", DEM, "--detection", "no.toml"), "cannot read no.toml"),
     ],
 )
 def test_what_cannot_be_judged_is_one_line(cli, tmp_path, flown, options, words):
@@ -317,8 +317,8 @@ def test_photos_of_a_second_camera_are_named(cli, tmp_path, flown):
     ended = cli(
         "judge-photos", tmp_path / "DCIM", "--area", AREA, "--dem", DEM, "--no-refly", "-o", tmp_path / "out", "--json"
     )
-    assert "3 photos are from other cameras (DJI P1) and do not count: judge each camera on its own" in ended.err
-    assert ended.err.count("the shortest interval of") == 1
+    assert "3 photos are from other cameras (DJI P1) and are not counted; judge each camera separately" in ended.err
+    assert ended.err.count("the minimum photo interval of") == 1
     assert ended.document["counted"] == 12
 
 
@@ -339,7 +339,7 @@ def test_swapped_axes_are_asked_about(cli, tmp_path, gsd):
 
 
 FAULTS = {
-    "another lens": ({"film_mm": 162, "focal_mm": 29.9}, "has the field of view of 162 mm on 35 mm film"),
+    "another lens": ({"film_mm": 162, "focal_mm": 29.9}, "its focal length corresponds to 162 mm on 35 mm film"),
     "a crop": ({"pixels": (5280, 1500)}, "5280 x 1500 pixels: the photo is cropped"),
     "another camera": ({"pixels": (4000, 3000)}, "4000 x 3000 pixels: the photo is from a different camera"),
 }
@@ -376,7 +376,7 @@ def test_cameras_that_look_up_or_lie_across_their_line_are_doubted(cli, tmp_path
     assert doubts(-90.0, 0.0) == []
     assert doubts(-90.0, 180.0) == []
     assert "degrees (median) from the flight direction" in doubts(-90.0, 90.0)[0]
-    assert f"{len(flown)} of {len(flown)} cameras look at the horizon or above it, first 0000" in doubts(90.0, 0.0)[0]
+    assert f"{len(flown)} of {len(flown)} photos (first: 0000" in doubts(90.0, 0.0)[0]
 
 
 def test_a_verdict_that_is_there_is_not_replaced(cli, tmp_path, flown):

@@ -53,7 +53,7 @@ def test_it_says_what_photos_json_says(verdict, text):
     assert f"{100.0 * told['surely']:.2f} %" in text
     assert text.count('data-label="reason"') == 1 + min(30, len(verdict.gaps))
     assert told["inputs"]["pictures"] in text
-    assert f"{100.0 * told['detection']['pod']:.2f} %; best photo alone" in text
+    assert f"{100.0 * told['detection']['pod']:.2f} %; with only the best photo" in text
     assert "Johnson 1958" in text
 
 

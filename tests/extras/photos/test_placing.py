@@ -58,11 +58,11 @@ def test_pictures_without_a_place_or_a_direction_do_not_count_and_say_why():
         "zero": "position 0, 0 is not on Earth",
         "swapped": "position 120, 8 is not on Earth",
         "no height": "no height",
-        "in space": "height 1e+300 m is impossible for a flight",
-        "turning": "its angles exceed a full turn",
-        "relative": "only a height above take-off: specify --takeoff",
+        "in space": "height 1e+300 m is not possible for a flight",
+        "turning": "the angles exceed a full turn",
+        "relative": "only a height above take-off; specify --takeoff",
     }
-    with pytest.raises(TrackError, match="none of 1 photos can be placed; alone: no direction"):
+    with pytest.raises(TrackError, match=r"none of the 1 photos can be located \(alone: no direction"):
         place_pictures([bad[-1]], FRAME, Assumptions())
 
 

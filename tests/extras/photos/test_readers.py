@@ -149,7 +149,7 @@ BAD = {
     "geo.txt": ("EPSG:99999999\na 1 2 3\n", "not a projection"),
     "words.txt": ("EPSG:4326\na b c\n", "line 2"),
     "list.json": ("{}", "not an ODM list"),
-    "torn.json": ("[", "not JSON"),
+    "torn.json": ("[", "cannot read the file as JSON"),
     "a.MRK": ("1 2 3\n", "not a row of a DJI image log"),
     "a.csv": ("a,b\n1,2\n", "no column for name, lat_deg, lon_deg, alt_m"),
     "b.csv": ("name,lat,lon,alt\nx,1,2,high\n", "line 2: alt_m: 'high'"),
@@ -157,7 +157,7 @@ BAD = {
     "d.csv": ("name,lat,lon,alt\nx,8 deg 61' 1\" N,2,3\n", "line 2: lat_deg: "),
     "e.csv": ("name,lat,lon,alt\nx,8 deg 1' 1\" E,2,3\n", "line 2: lat_deg: "),
     "f.csv": ("name,lat,lon,alt\nx,1,5,2,5,3\n", "line 2: 6 cells, but the header has 4 .*decimal points"),
-    "g.csv": ("name;lat;lon;alt\nx;1,5;2.5;3\n", "numbers with commas .* and with points"),
+    "g.csv": ("name;lat;lon;alt\nx;1,5;2.5;3\n", "decimal commas .* and decimal points"),
     "a.jpg": ("not a picture", "the photo cannot be read"),
     "a.raw": ("x", "neither a photo nor a list"),
 }
@@ -220,7 +220,7 @@ def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
     why = {picture.name: picture.lacks() for picture in read_pictures([tmp_path]).pictures}
     assert set(why) == {"0.jpg", "1.jpg", "2.jpg", "3.jpg", "padded.jpg"}
     assert (why["0.jpg"], why["3.jpg"], why["padded.jpg"]) == (None, None, None)
-    assert why["1.jpg"] == "the file is truncated; copy it from the card again"
+    assert why["1.jpg"] == "the file is truncated; copy it again from the memory card"
     assert why["2.jpg"].startswith("the photo cannot be read")
     with pytest.raises(TrackError, match="the photo cannot be read"):
         read_pictures([tmp_path / "2.jpg"])
@@ -233,7 +233,7 @@ def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
 def test_a_digital_zoom_does_not_count():
     assert Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=1.0).lacks() is None
     zoomed = Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=2.0)
-    assert zoomed.lacks() == "digital zoom 2: its field of view is unknown; take photos without digital zoom"
+    assert zoomed.lacks() == "the field of view is unknown with a digital zoom of 2; do not zoom digitally"
 
 
 def test_the_time_of_a_camera_without_a_zone_is_its_clocks_and_no_ones_else(tmp_path):

@@ -73,7 +73,7 @@ def test_a_quarter_of_the_pictures_is_judged_whatever_the_track_says(cli, tmp_pa
     whole = cli("verify", flight / "flight.csv", *ANY, "-o", tmp_path / "a", "--json").document
     assert whole["coverage_of_coverable"] == pytest.approx(1.0, abs=0.01)
     assert whole["verdict"] == "not proved", "nobody knows whether the camera took anything"
-    assert "no photo is reported" in whole["doubts"][0]
+    assert "the log reports no photos" in whole["doubts"][0]
     ended = cli("verify", flight / "flight.csv", "--photos", few, *ANY, "-o", tmp_path / "b", "--json")
     assert ended.code == 1
     assert ended.document["verdict"] == "failed"
@@ -113,7 +113,7 @@ def test_pictures_alone_are_judged_and_the_flight_is_not(cli, tmp_path, flight):
     run.mkdir()
     shutil.copy(tmp_path / "a/scenario.toml", run)
     ended = cli("verify", run, "--photos", flight / "pictures.csv")
-    assert "no track of the flight" in ended.err
+    assert "without a track" in ended.err
     assert json.loads((run / "photos/photos.json").read_text())["counted"] > 10
     assert not (run / "verification.json").exists()
 

@@ -31,11 +31,11 @@ def test_what_was_sent_is_listed_and_comes_back(cli: Cli, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("path", "out", "telling"),
     [
-        ("/a/there", "there", "would be overwritten; use --force"),
+        ("/a/there", "there", "already exists; use --force"),
         ("/a/there", "", "this is a folder; specify a file"),
         ("/a/x", "nowhere/x", "this is not a folder; create it first"),
         ("/a/..", "x", "is not a file name"),
-        ("/a/", "x", "this is a folder, which is listed and not written"),
+        ("/a/", "x", "this is a folder, which is only listed"),
     ],
 )
 def test_bad_input_is_one_line(cli: Cli, tmp_path: Path, path: str, out: str, telling: str) -> None:

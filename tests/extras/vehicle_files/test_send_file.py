@@ -38,4 +38,4 @@ def test_a_path_that_no_vehicle_has_is_an_error(cli: Cli, tmp_path: Path) -> Non
     (tmp_path / "x").write_bytes(b"1")
     ended = cli("send-file", tmp_path / "x", "--folder", "/" + "a" * 250, "--to", "mock:")
     assert ended.code != 0
-    assert "not a path for a vehicle" in ended.error
+    assert "not a vehicle path" in ended.error

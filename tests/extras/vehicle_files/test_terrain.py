@@ -53,7 +53,7 @@ def test_terrain_files_are_written_and_not_replaced(cli: Cli, tmp_path: Path) ->
     assert sum(any(data[at : at + 2048]) for at in range(0, len(data), 2048)) == blocks
     again = cli(*arguments)
     assert again.code == 2
-    assert "already exists: choose another folder, or use --force" in again.error
+    assert "already exists; use --force to overwrite" in again.error
     assert cli(*arguments, "--force").code == 0
     assert Path(name).read_bytes() == data
 
@@ -68,7 +68,7 @@ def test_terrain_files_are_written_and_not_replaced(cli: Cli, tmp_path: Path) ->
         ((AREA, "--dem", DEM, "--dat", "x", "--spacing", "0"), "--spacing: 0 m is not between 10 and 1000"),
         ((AREA, "--dem", DEM, "--dat", "x", "--spacing", "65535"), "--spacing: 65535 m is not between 10 and 1000"),
         (("-60,-60,60,60",), "use a part of it"),
-        (("36.45,-85.8,1500", "--dem", DEM, "--dat", "x"), "no height in any block"),
+        (("36.45,-85.8,1500", "--dem", DEM, "--dat", "x"), "no height in any terrain block"),
     ],
 )
 def test_bad_input_is_one_line(cli: Cli, arguments: tuple[str, ...], telling: str) -> None:

@@ -16,11 +16,11 @@ def test_serves_until_it_is_told_to_stop_and_says_how_much(number: signal.Signal
     with mock_vehicle("-q", "--behaviour", "observed", "--speed", "20") as (port, _):
         arguments = command("terrain-server", "--dem", DEM, "--to", f"udpout://127.0.0.1:{port}")
         with started(arguments) as server:
-            wait_for_line(server, "parts of them sent")
+            wait_for_line(server, "terrain blocks; sent")
             server.send_signal(number)
             out, err = server.communicate(timeout=WATCHDOG_S)
     assert server.returncode == 0
-    told = re.search(r"requests for 1 blocks: (\d+) parts sent, 0 not sent because data are missing", out)
+    told = re.search(r"for 1 blocks; sent parts: (\d+); parts not sent because data is missing: 0", out)
     assert told is not None
     assert int(told[1]) >= 56  # it asks 20 times as often, and again for what is on its way
     assert err.strip() == "stopping"
@@ -47,10 +47,10 @@ def test_json_has_the_counts_and_the_end_of_the_data_is_said() -> None:
         ((), 2, "--dem: specify elevation data"),
         (("--dem", "nowhere.tif"), 2, "nowhere.tif: no such file"),
         (("--dem", "tests/naive"), 2, "contains no tile"),
-        (("--dem", "README.md"), 2, "README.md: the file cannot be read as elevation data"),
-        (("--dem", DEM, "--vertical-datum", "WGS84"), 2, "use EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"),
-        (("--dem", DEM, "--vertical-datum", "EGM2008"), 2, "omit the option"),
-        (("--dem", DEM, "--height-unit", "fathoms"), 2, "is not known; use m, dm, cm, ft or us-ft"),
+        (("--dem", "README.md"), 2, "README.md: cannot read the file as elevation data"),
+        (("--dem", DEM, "--vertical-datum", "WGS84"), 2, "must be EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"),
+        (("--dem", DEM, "--vertical-datum", "EGM2008"), 2, "omit this option"),
+        (("--dem", DEM, "--height-unit", "fathoms"), 2, "unknown unit 'fathoms'; use m, dm, cm, ft or us-ft"),
         (("--dem", DEM, "--band", "7"), 2, "has no band '7'"),
         (("--dem", DEM, "--timeout", "0.1"), 3, "no vehicle sent a heartbeat"),
     ],

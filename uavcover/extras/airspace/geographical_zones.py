@@ -180,11 +180,11 @@ def read_ed318(root: Node) -> ReadZones:
 
 
 def _notes(free: int, by_day: int) -> tuple[str, ...]:
-    notes = [f"{free} of type {_FREE} ignored"] if free else []
+    notes = [f"ignored {free} zones of type {_FREE}"] if free else []
     if by_day:
         notes.append(
-            f"{by_day} with schedules that depend on the sun or on holidays, or without a time zone: they "
-            "are active all day"
+            f"{by_day} zones treated as active all day, because their schedules depend on the sun or holidays, or "
+            "lack a time zone"
         )
     return tuple(notes)
 
@@ -251,7 +251,7 @@ def _shape(node: Node, circle: Node, unit: str) -> Rings | tuple[float, float, f
     if kind == "Circle" or (kind == "Point" and _text(circle, "subType").casefold() == "circle"):
         place = node.get("center" if kind == "Circle" else "coordinates").nodes()
         if len(place) < 2:
-            raise FormatError("a position consists of longitude and latitude", where=node.where, advice="correct it")
+            raise FormatError("a position must be longitude and latitude", where=node.where, advice="correct it")
         radius_unit = (_text(circle, "uom") or unit).upper()
         if radius_unit not in METRES:
             raise FormatError(f"{radius_unit[:20]!r} is not a unit of length", where=node.where, advice="use m or ft")
@@ -263,5 +263,5 @@ def _shape(node: Node, circle: Node, unit: str) -> Rings | tuple[float, float, f
 def _ring(ring: Node) -> Ring:
     places = [place.nodes() for place in ring.nodes()]
     if any(len(place) < 2 for place in places):
-        raise FormatError("a position consists of longitude and latitude", where=ring.where, advice="correct it")
+        raise FormatError("a position must be longitude and latitude", where=ring.where, advice="correct it")
     return tuple((place[0].number(), place[1].number()) for place in places)

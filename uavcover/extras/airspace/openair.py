@@ -73,7 +73,7 @@ def read_openair(text: str) -> ReadZones:
             continue
         if zone.circle is None and len({*zone.corners}) < 3:
             raise FormatError(
-                f"{len({*zone.corners})} different corners; a zone needs at least 3",
+                f"the zone has {len({*zone.corners})} different corners, but needs at least 3",
                 where=zone.where,
                 advice="remove it, or draw it again",
             )
@@ -83,12 +83,12 @@ def read_openair(text: str) -> ReadZones:
             )
         found.append(
             ReadZone(
-                zone.name or f"zone of line {zone.line}", frozenset({zone.name}) - {""}, zone.heights,
+                zone.name or f"zone on line {zone.line}", frozenset({zone.name}) - {""}, zone.heights,
                 polygons=() if zone.circle else ((tuple(zone.corners),),), rings_may_be_open=True, circle=zone.circle,
                 active=() if zone.always else tuple(zone.periods),
             )
         )  # fmt: skip
-    notes = tuple(f"{n} of class {kind} ignored: open to all" for kind, n in sorted(left_out.items()))
+    notes = tuple(f"ignored {n} zones of class {kind}, which are open to all" for kind, n in sorted(left_out.items()))
     return ReadZones(tuple(found), notes)
 
 
@@ -114,7 +114,9 @@ def _zones(text: str) -> Iterator[_Zone]:
         elif zone is None:
             if command not in _NOT_GEOMETRY and command != "V":
                 raise FormatError(
-                    f"{command} precedes the first AC", where=f"line {number}", advice="begin every zone with AC"
+                    f"the record {command} precedes the first AC",
+                    where=f"line {number}",
+                    advice="begin every zone with AC",
                 )
         else:
             _take(zone, command, rest, f"line {number}, zone {shown(zone.name) or '(no name)'}")
@@ -146,7 +148,7 @@ def _take(zone: _Zone, command: str, rest: str, where: str) -> None:
     elif command == "DB":
         zone.corners += _arc_between(zone, rest, where)
     elif command not in _NOT_GEOMETRY:
-        raise FormatError(f"{command[:20]} is not supported", where=where, advice="draw the zone with DP, DA, DB or DC")
+        raise FormatError(f"unsupported record {command[:20]}", where=where, advice="use DP, DA, DB or DC")
     if len(zone.corners) > _MOST_CORNERS:
         raise FormatError(
             f"the zone has more than {_MOST_CORNERS:,} corners", where=where, advice="draw it with fewer corners"
@@ -177,7 +179,7 @@ def _assign(zone: _Zone, text: str, where: str) -> None:
     elif key.upper() == "D" and value in ("+", "-"):
         zone.clockwise = value == "+"
     elif key.upper() not in ("W", "Z", "T"):
-        raise FormatError(f"V {text[:20]!r} is not supported", where=where, advice="use V X=position or V D=+ or V D=-")
+        raise FormatError(f"unsupported variable {text[:20]!r}", where=where, advice="use V X=position, V D=+ or V D=-")
 
 
 def _place(text: str, where: str) -> tuple[float, float]:
@@ -212,7 +214,7 @@ def _numbers(text: str, count: int, where: str) -> list[float]:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all() or numbers[0] <= 0.0:
         raise FormatError(
-            f"{text[:30]!r}: {count} numbers are expected, the first a radius in nautical miles", where=where,
+            f"expected {count} numbers, the first a radius in nautical miles, not {text[:30]!r}", where=where,
             advice="correct the record",
         )  # fmt: skip
     return numbers
@@ -230,7 +232,7 @@ def _arc_between(zone: _Zone, text: str, where: str) -> list[tuple[float, float]
     bearings, _, radii = _EARTH.inv([lon] * 2, [lat] * 2, [end[0] for end in ends], [end[1] for end in ends])
     if min(radii) < 1.0 or max(radii) > 1.25 * min(radii):
         raise FormatError(
-            f"the ends of the arc are {radii[0]:.0f} m and {radii[1]:.0f} m from its centre", where=where,
+            f"the ends of the arc are {radii[0]:.0f} m and {radii[1]:.0f} m from its centre instead of equally far", where=where,
             advice="correct the centre (V X=) or the ends",
         )  # fmt: skip
     between = _arc((lon, lat), (radii[0], radii[1]), (bearings[0], bearings[1]), zone.clockwise)

@@ -8,7 +8,7 @@ COMMANDS = {
     "Start": {
         "serve": (
             "uavcover.extras.app.command",
-            "plan, fly and judge on a map; edit, qgis-plugin",
+            "plan, fly and judge on a map in the browser",
             ("uavcover serve", "uavcover serve RUN", "uavcover serve area.kml --port 8800 --no-browser"),
         ),
     },

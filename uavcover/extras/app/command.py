@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def edit(
-    run: Annotated[Path, typer.Argument(help="Run folder with the original route, which does not change.")],
+    run: Annotated[Path, typer.Argument(help="Run folder with the original route, which stays unchanged.")],
     waypoints: Annotated[
         Path,
         typer.Argument(
@@ -62,13 +62,14 @@ def edit(
     began_s = time.monotonic()
     site, planned = read_planned(RunFolder(run))
     if groups_of(site.scenario):
-        raise InputError(
-            f"{run}: each vehicle has its own part of the area, and such a plan cannot be edited; plan with one vehicle"
-        )
+        raise InputError(f"{run}: cannot edit a plan that divides the area among vehicles; plan with one vehicle")
     try:
         given: Any = json.loads(waypoints.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{waypoints}: the file cannot be read as JSON ({error}); use a list of waypoints") from error
+        raise InputError(
+            f"{waypoints}: cannot read the file as JSON ({error}); write a list of waypoints, each as "
+            "[longitude, latitude, height above ground in m]"
+        ) from error
     route = Route(Scene(site, run).enu(given))
     member = judge_route(site, route, "edited", margin_m=0.0)
     if member.violation > 0.0:
@@ -123,10 +124,9 @@ def _hash_of_import_map() -> str:
 
 
 POLICY = (
-    f"default-src 'none'; script-src 'self' 'sha256-{_hash_of_import_map()}'; worker-src 'self' blob:; "
-    "style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; connect-src 'self' data: blob:; font-src 'self'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'"
+    f"default-src 'none'; script-src 'self' 'sha256-{_hash_of_import_map()}'; worker-src 'self' blob:; style-src "
+    "'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self' data: blob:; font-src 'self'; base-uri "
+    "'none'; form-action 'none'; frame-ancestors 'none'"
 )
 """MapLibre sets styles of its own elements, and makes images of data and blobs; scripts come from this server alone."""
 _HEADERS = (
@@ -181,11 +181,11 @@ class Guard:
     def _refusal(self, scope: Scope, headers: dict[str, str], *, by_query: bool) -> str | None:
         host = headers.get("host", "")
         if host not in self._hosts:
-            return "this host name does not belong to the server"
+            return "the host name in the request does not belong to this server"
         origin = headers.get("origin")
         changes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
-            return "the request has a different origin"
+            return "the request comes from a different origin"
         if changes and origin is None:
             return "the Origin header is missing"
         if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
@@ -231,12 +231,12 @@ def serve(
     host: Annotated[
         str,
         typer.Option(
-            help="Address to listen on. An address other than 127.0.0.1 admits other computers that have the token."
+            help="Address to listen on. With an address other than 127.0.0.1, other computers that have the token can connect."
         ),
     ] = "127.0.0.1",
     browser: Annotated[bool, typer.Option(help="Open the page in the default browser.")] = True,
     allow_flight: Annotated[
-        bool, typer.Option("--allow-flight", help="Allow the page to arm real vehicles, after a typed confirmation.")
+        bool, typer.Option("--allow-flight", help="Allow the page to arm real vehicles after a typed confirmation.")
     ] = False,
     output: options.Output,
 ) -> int:
@@ -277,7 +277,7 @@ def _serve(
 
         from uavcover.extras.app.server import Server
     except ModuleNotFoundError as error:
-        raise InputError(f"serve: this needs {error.name}; install it with: pip install 'uavcover[app]'") from error
+        raise InputError(f"serve: {error.name} is required; install it with: pip install 'uavcover[app]'") from error
     try:
         listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
@@ -299,7 +299,7 @@ def _serve(
             )
         if flights_allowed:
             console.warn("--allow-flight: the page can arm real vehicles")
-        console.say("Ctrl-C ends the server; plans and flights that it started continue")
+        console.say("Ctrl-C stops the server; plans and flights that it started continue")
         console.result({"url": address, "port": port, "folder": str(workspace.root)})
         if browser:
             webbrowser.open(address)
@@ -309,4 +309,4 @@ def _serve(
         )  # fmt: skip
         with contextlib.suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listening])
-        console.say("the server has ended")
+        console.say("the server has stopped")

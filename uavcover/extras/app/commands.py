@@ -39,7 +39,7 @@ async def take_file(request: Request, workspace: Workspace) -> Response:
     if run:
         path, left = await to_thread.run_sync(_photo, workspace, run, path.name)
         most = min(most, left)
-    too_large = f"{path.name}: the file is larger than the remaining {most >> 20} MiB; copy it into the folder instead"
+    too_large = f"{path.name}: the file is larger than the remaining {most >> 20} MiB; copy it into the folder"
     length = request.headers.get("content-length", "")
     if length.isdigit() and int(length) > most:
         return refusal(413, too_large)
@@ -76,7 +76,7 @@ def _photo(workspace: Workspace, run: str, name: str) -> tuple[Path, int]:
     if not (folder / "plan.json").is_file():
         raise InputError(f"{folder.name}: this is not a run folder with a plan; plan first")
     if Path(name).suffix.lower() not in PHOTO_KINDS:
-        raise InputError(f"{name}: is neither a photo (.jpg, .tif, .dng) nor a list of positions or log")
+        raise InputError(f"{name}: unsupported file; use photos (.jpg, .tif, .dng), a list of positions or a log")
     photos = workspace.path(f"{run}/{PHOTOS}")
     photos.mkdir(exist_ok=True)
     path = workspace.path(f"{run}/{PHOTOS}/{name}")
@@ -99,11 +99,13 @@ def photo_document(folder: Path) -> dict[str, Any]:
             rows = list(csv.DictReader(file))
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{folder.name}: this is not a verdict of photos ({error}); create one with: uavcover judge-photos"
+            f"{folder.name}: this folder contains no verdict of photos ({error}); create one with: uavcover judge-photos"
         ) from error
     placed = [row for row in rows if row.get("lon_deg") and row.get("lat_deg")]
     for gap in shapes[1]["features"]:
-        gap["properties"]["reason"] = REASON_WORDS.get(gap["properties"].get("reason"), "planned photos are missing")
+        gap["properties"]["reason"] = REASON_WORDS.get(
+            gap["properties"].get("reason"), "some planned photos are missing"
+        )
     left_out = [[row["name"], row["reason"]] for row in rows if row["counted"] != "yes"]
     return {
         **{key: verdict.get(key) for key in _SHOWN},
@@ -131,7 +133,7 @@ def command_of(kind: str, asked: Mapping[str, Any], workspace: Workspace, *, fli
     """The command line of a button. Raises InputError: there is no such button, or a value of it is wrong."""
     builders: dict[str, Builder] = {**_BUILDERS, "fly": partial(_fly, flights_allowed=flights_allowed)}
     if kind not in builders:
-        raise InputError(f"{kind!r}: the page has no such command")
+        raise InputError(f"the page does not support the command {kind!r}")
     return builders[kind](asked, workspace)
 
 
@@ -198,9 +200,12 @@ def _fly(asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: boo
         run = f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}"
     if asked.get("confirmed"):
         if not flights_allowed:
-            raise InputError("fly: this page flies simulated vehicles only; start it with --allow-flight for real ones")
+            raise InputError(
+                "fly: this page flies only simulated vehicles; to fly real ones, start uavcover serve "
+                "with --allow-flight"
+            )
         if asked["confirmed"] != to:
-            raise InputError(f"fly: type the vehicle's address, {to}, to confirm")
+            raise InputError(f"fly: to confirm, type the vehicle's address: {to}")
         words.append("--yes")
     return run, words
 
@@ -210,7 +215,7 @@ def _links(asked: Mapping[str, Any]) -> list[str]:
     addresses = str(asked.get("to") or "mock:").split()
     count = int(_match(asked, "vehicles", _NUMBER, default="1"))
     if not 1 <= count <= _MOST_VEHICLES:
-        raise InputError(f"vehicles: {count} is outside 1 to {_MOST_VEHICLES}")
+        raise InputError(f"vehicles: must be between 1 and {_MOST_VEHICLES}, not {count}")
     if count > 1 and len(addresses) == 1 and addresses[0].startswith("mock:"):
         addresses *= count
     if len(addresses) != count:
@@ -229,7 +234,7 @@ def _check(asked: Mapping[str, Any], workspace: Workspace) -> Words:
         raise InputError(f"{folder.name}: the run folder has no mission.plan; choose one of its flights, or plan again")
     scenario = load_scenario(str(folder / "scenario.toml"))
     if not isinstance(scenario.terrain, RasterTerrain):
-        raise InputError(f"{folder.name}: the scenario has no elevation data, which check requires")
+        raise InputError(f"{folder.name}: the scenario has no elevation data; the check requires it")
     ground, surface = terrain_source(scenario.terrain), surface_source(scenario.terrain)
     words = ["check", workspace.name(mission), "--vertical-datum", scenario.terrain.vertical_datum]
     words += ["--trust-dem"] if scenario.terrain.trust_heights else []
@@ -246,7 +251,7 @@ def _photos(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     out = workspace.free_run(f"{workspace.path(run).name}-photos")
     photos = workspace.path(str(asked.get("photos") or f"{run}/{PHOTOS}"))
     if not photos.is_dir():
-        raise InputError(f"photos: {photos.name} is not a folder in {workspace.root.name}; drop photos on the page")
+        raise InputError(f"photos: {photos.name} is not a folder in {workspace.root.name}; drop the photos on the page")
     return run, ["judge-photos", workspace.name(photos), "--scenario", run, "-o", out.name]
 
 

@@ -134,7 +134,7 @@ class Jobs:
             InputError: another job works on the same run folder, or the folder cannot be written to.
         """
         if run and any(_overlap(job.run, run) and job.code is None for job in self.all()):
-            raise InputError(f"{run}: another command uses this run folder; wait until it ends, or stop it")
+            raise InputError(f"{run}: another command is using this run folder; wait until it ends, or stop it")
         folder = self._folder / f"{time.time_ns() // 1_000_000}-{secrets.token_hex(4)}"
         words = (*arguments, "--json", "--events")
         job = Job(folder, kind, words, run)
@@ -148,7 +148,7 @@ class Jobs:
                     start_new_session=True, check=True, timeout=_START_S,
                 )  # fmt: skip
         except (OSError, subprocess.SubprocessError) as error:
-            raise InputError(f"{' '.join(words)}: the command cannot be started ({error})") from error
+            raise InputError(f"{' '.join(words)}: cannot start the command ({error})") from error
         self._forget_old()
         return job
 

@@ -146,7 +146,7 @@ class Server:
         signals = {"stop": [signal.SIGINT], "leave": [signal.SIGINT] * 2, "pause": [signal.SIGUSR1]}
         action = text_in(asked, "action")
         if action not in signals:
-            raise InputError(f"{action} is not stop, leave or pause")
+            raise InputError(f"the action must be stop, leave or pause, not {action}")
         job, sent = self.jobs.get(text_in(asked, "id")), False
         for number, one in enumerate(signals[action]):
             time.sleep(0.5 if number else 0.0)  # two signals at once are one
@@ -202,7 +202,7 @@ class Server:
             task.cancel()
         for error in await asyncio.gather(*tasks, return_exceptions=True):
             if isinstance(error, Exception) and not isinstance(error, WebSocketDisconnect | RuntimeError):
-                _log.warning("a connection of the page ended: %s", error)
+                _log.warning("a connection from the page ended: %s", error)
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):
             await socket.close(1011)
 
@@ -241,7 +241,7 @@ class _Watcher:
                 begin_s, count = time.monotonic(), 0
             count += 1
             if count > _MOST_MESSAGES or len(text) > _MOST_MESSAGE_BYTES:
-                await self._socket.close(1008, "too many or too long messages")
+                await self._socket.close(1008, "the page sent too many messages, or messages that are too long")
                 return
             try:
                 asked = json.loads(text)
@@ -258,7 +258,7 @@ class _Watcher:
             except UavcoverError as error:
                 await self._socket.send_json({"error": str(error)})
             except (ValueError, TypeError, AttributeError, RecursionError):
-                await self._socket.send_json({"error": "this message is not understood"})
+                await self._socket.send_json({"error": "unknown message"})
 
     async def send(self) -> None:
         """Send what is new, for as long as the connection lasts."""

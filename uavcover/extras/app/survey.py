@@ -168,7 +168,7 @@ def polygons_of(geometry: object, what: str) -> dict[str, Any]:
     ):
         raise InputError(f"{what}: some corners are not pairs of longitude and latitude")
     if not shape.is_valid:
-        raise InputError(f"{what}: its outline crosses itself; move a corner")
+        raise InputError(f"{what}: the outline crosses itself; move a corner")
     return dict(shapely.geometry.mapping(shape))
 
 
@@ -195,7 +195,7 @@ def _rally(given: object) -> Ring | None:
 
 def _zone(zone: object, number: int) -> dict[str, Any]:
     if not isinstance(zone, dict):
-        raise InputError(f"zone {number}: this is not a zone")
+        raise InputError(f"zone {number}: this is not a valid zone; draw it again")
     name = str(zone.get("name") or f"zone {number}")
     heights = {}
     for key in _HEIGHTS:

@@ -41,7 +41,7 @@ _CONTOURS = 14
 def tile_bounds_m(zoom: int, column: int, row: int) -> tuple[float, float, float, float]:
     """West, south, east, north of a tile in metres of Web Mercator. Raises InputError: there is no such tile."""
     if not (0 <= zoom <= 22 and 0 <= column < 2**zoom and 0 <= row < 2**zoom):
-        raise InputError(f"tile {zoom}/{column}/{row}: the map has no such tile")
+        raise InputError(f"the map has no tile {zoom}/{column}/{row}")
     size = 2.0 * _HALF_M / 2**zoom
     west, north = column * size - _HALF_M, _HALF_M - row * size
     return west, north - size, west + size, north
@@ -143,7 +143,7 @@ def background_tile(path: Path, zoom: int, column: int, row: int) -> tuple[bytes
                 return None
             data = _read(dataset, bands, zoom, column, row)
     except rasterio.errors.RasterioError as error:
-        raise InputError(f"{path.name}: this raster cannot be shown ({error}); use a GeoTIFF or MBTiles") from error
+        raise InputError(f"{path.name}: cannot show this raster ({error}); use a GeoTIFF or MBTiles") from error
     known = ~np.ma.getmaskarray(data).any(axis=0)
     if not known.any():
         return None
@@ -170,7 +170,7 @@ def _mbtiles(path: Path, zoom: int, column: int, row: int) -> tuple[bytes, str] 
         finally:
             connection.close()
     except sqlite3.Error as error:
-        raise InputError(f"{path.name}: this is not an MBTiles file ({error})") from error
+        raise InputError(f"{path.name}: cannot read this file as MBTiles ({error})") from error
     if found is None:
         return None
     data = bytes(found[0])

@@ -62,7 +62,7 @@ def show(shown: Plan | Track | Verdict | str | Path, *, height: str = "480px") -
     try:
         return _widget_class()(document=document_of(shown), height=height)
     except ModuleNotFoundError as error:
-        raise InputError(f"show: this needs {error.name}; install it with: pip install 'uavcover[jupyter]'") from error
+        raise InputError(f"show: {error.name} is required; install it with: pip install 'uavcover[jupyter]'") from error
 
 
 def document_of(shown: Plan | Track | Verdict | str | Path) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def document_of(shown: Plan | Track | Verdict | str | Path) -> dict[str, Any]:
         return _of_verdict(shown)
     path = shown.folder if isinstance(shown, Plan) else str(shown)
     if not path or not Path(path).exists():
-        raise InputError(f"{shown!r} is not in a run folder; write it with: uavcover.plan(site, out=RUN)")
+        raise InputError(f"{shown!r} was not saved to a run folder; save it with: uavcover.plan(site, out=RUN)")
     scene = Scenes().of(Path(path))
     return scene_document(scene) | {"contours": contours(scene), "caption": repr(shown) if path != shown else path}
 

@@ -45,7 +45,7 @@ def place_of(text: str) -> tuple[float, float]:
                     f"{words[:60]!r} is not a position on Earth; latitude is between -90 and 90, longitude between -180 and 180"
                 )
             return lat, lon
-    raise InputError(f"{words[:60]!r} is not a position; enter {FORMS}")
+    raise InputError(f"{words[:60]!r} is not a position; enter, for example, {FORMS}")
 
 
 def _decimal(text: str) -> tuple[float, float] | None:
@@ -153,9 +153,9 @@ class Workspace:
         )
         found = self.root.joinpath(*parts)
         if bad or not found.resolve().is_relative_to(self.root):
-            raise InputError(f"{name!r} is not a path inside {self.root}; use a file or folder in it")
+            raise InputError(f"{name!r} is outside {self.root}; use a file or folder inside it")
         if any(part.startswith((".", "-")) for part in parts):
-            raise InputError(f"{name!r}: names that begin with a dot or a dash are not served; rename it")
+            raise InputError(f"{name!r}: the server ignores names that begin with a dot or a dash; rename the file")
         return found
 
     def name(self, path: Path) -> str:

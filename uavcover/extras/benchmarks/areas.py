@@ -130,7 +130,7 @@ def area_names(data: Path) -> list[str]:
     """Areas in a folder of the dataset that have holes and a published route, by name."""
     names = sorted(folder.parent.parent.name for folder in data.glob("*/mem_inf/mem_inf_route_data0"))
     if not names:
-        raise InputError(f"{data}: no area with mem_inf/mem_inf_route_data0; name the folder AC300 of the dataset")
+        raise InputError(f"{data}: no area with mem_inf/mem_inf_route_data0; specify the dataset's folder AC300")
     return names
 
 
@@ -148,7 +148,7 @@ def read_area(data: Path, name: str, capacity_s: float | None = None) -> Publish
         holes = shapely.union_all([shapely.Polygon(ring) for ring in rings[1]])
         outline = shapely.difference(shapely.Polygon(rings[0][0]), holes)
     except (OSError, ValueError, IndexError) as error:
-        raise InputError(f"{folder}: cannot be read ({error})") from error
+        raise InputError(f"{folder}: cannot read the area ({error})") from error
     if not isinstance(outline, shapely.Polygon):
         raise InputError(f"{folder}: the holes divide the area")
     return PublishedArea(name, outline, tuple(routes))

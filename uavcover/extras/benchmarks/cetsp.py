@@ -105,12 +105,12 @@ def read_instances(data: Path) -> dict[str, Instance]:
     tours = {path.stem: path for path in data.rglob("solutions/*/*.txt")}
     if not files or not tours:
         what = "benchmark.json.gz (d-krupke/close-enough-tsp)" if not files else "solutions/*/*.txt (MA-CETSP)"
-        raise InputError(f"{data}: no {what}; name a folder with copies of both repositories")
+        raise InputError(f"{data}: {what} not found; specify a folder with copies of both repositories")
     try:
         documents: Mapping[str, Mapping[str, Any]] = json.loads(gzip.decompress(files[0].read_bytes()))
         found = [_instance(name, documents[name]) for name in documents]
     except (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{files[0]}: cannot be read ({error!r}); copy the file again") from error
+        raise InputError(f"{files[0]}: cannot read the file ({error!r}); copy the file again") from error
     known = {each.name: each for each in found if each is not None and each.name in tours}
     return {name: each for name in sorted(known) if (each := _with_tour(known[name], tours[name])) is not None}
 
@@ -140,7 +140,7 @@ def _with_tour(instance: Instance, path: Path) -> Instance | None:
         stated = float(first.split(":")[1])
         visited = np.array([row.split() for row in rows], dtype=float).reshape(-1, 3)
     except (OSError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); copy the file again") from error
+        raise InputError(f"{path}: cannot read the file ({error}); copy the file again") from error
     tour = visited[:, 1:]
     ends = np.roll(tour, -1, axis=0)
     apart = np.array([_from_legs(tour, ends, centre) for centre in instance.centres])
@@ -216,8 +216,8 @@ def table_lines(folder: KeptRuns) -> list[str]:
     for name in folder.done():
         row = folder.read(name)
         lines.append(
-            f"{name},{row['discs']},{row['length']:.4f},{row['best_known']:.4f},{row['length'] / row['best_known']:.4f},"
-            f"{row['unseen']},{row['waypoints']},{row['cpu_s']:.1f}"
+            f"{name},{row['discs']},{row['length']:.4f},{row['best_known']:.4f},"
+            f"{row['length'] / row['best_known']:.4f},{row['unseen']},{row['waypoints']},{row['cpu_s']:.1f}"
         )
     return lines
 

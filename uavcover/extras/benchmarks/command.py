@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
 bench = typer.Typer(
     cls=Overview,
-    help=(
-        "Run the benchmarks of this project. You can stop a benchmark at any time and repeat the command to continue."
-    ),
+    help=("Run this project's benchmarks. You can stop a benchmark at any time and run it again to continue."),
     rich_markup_mode=None,
 )
 
@@ -37,8 +35,10 @@ Processes = Annotated[
 class SeedsAndTimes:
     """Number and duration of runs for each planner."""
 
-    seeds: Annotated[int, typer.Option(help="Number of runs of each planner. The seeds start at 1.", min=1)] = 10
-    seeds_long: Annotated[int, typer.Option(help="Number of runs with budgets above 100 s.", min=1, metavar="N")] = 3
+    seeds: Annotated[int, typer.Option(help="Number of runs for each planner. Seeds start at 1.", min=1)] = 10
+    seeds_long: Annotated[
+        int, typer.Option(help="Number of runs for time budgets above 100 s.", min=1, metavar="N")
+    ] = 3
     times: Annotated[str, typer.Option("--time", help="Time budgets, in seconds of processor time.", metavar="S,T")] = (
         "10,60,300"
     )
@@ -46,7 +46,7 @@ class SeedsAndTimes:
         bool,
         typer.Option(
             "--equal-evaluations/--no-equal-evaluations",
-            help="Also run with the number of evaluations of each scenario, without a time limit.",
+            help="Also run without a time limit, with the number of evaluations that each scenario sets.",
         ),
     ] = True
 
@@ -63,7 +63,7 @@ def bench_coverage(
     out: ResultsFolder = None,
     processes: Processes = None,
     scheduler: options.Scheduler = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the names and exit.")] = False,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the available names and exit.")] = False,
     output: options.Output,
 ) -> int:
     """Compare the planner with baselines and other optimizers, at equal processor time and at equal evaluations.
@@ -98,7 +98,7 @@ def bench_coverage(
             equal_evaluations=each.equal_evaluations,
         )
         missing = [run for run in wanted if not folder.has(run.key)]
-        console.say(f"{len(wanted)} runs, {len(wanted) - len(missing)} of them already in {out}")
+        console.say(f"runs: {len(wanted)}; already in {out}: {len(wanted) - len(missing)}")
         whole_s, done_s, begin = sum(run.guessed_s for run in missing), 0.0, time.monotonic()
         try:
             with console.progress("runs", total=len(missing)) as bar:
@@ -109,9 +109,7 @@ def bench_coverage(
                     bar.update(done, note=f"{done} of {len(missing)}, about {left_min:.0f} min left, last {run.key}")
         except KeyboardInterrupt:
             write_results(folder, command=_command(scenarios, algorithms, each))
-            console.warn(
-                f"stopped; the runs that are done are in {out}, with their table: repeat the command to continue"
-            )
+            console.warn(f"stopped; completed runs and their table are in {out}; run the command again to continue")
             raise
         files = write_results(folder, command=_command(scenarios, algorithms, each))
     return _said(console, files, runs=len(wanted), made=len(missing))
@@ -119,7 +117,7 @@ def bench_coverage(
 
 def _given(out: Path | None, example: str) -> Path:
     if out is None:
-        raise InputError(f"-o/--out: name the folder of the results, as: uavcover bench {example}")
+        raise InputError(f"-o/--out: specify a folder for the results, for example: uavcover bench {example}")
     return out
 
 
@@ -134,13 +132,13 @@ def _follow(console: "Console", what: str, made: Iterable[str], total: int, *, k
     try:
         _show(console, what, made, total)
     except KeyboardInterrupt:
-        console.warn(f"stopped; the {what} that are done are in {kept_in}: repeat the command to continue")
+        console.warn(f"stopped; completed {what} are in {kept_in}; run the command again to continue")
         raise
 
 
 def _said(console: "Console", files: Sequence[Path], *, runs: int, made: int) -> int:
     for file in files:
-        console.say(f"written: {file}")
+        console.say(f"wrote {file}")
     console.result({"runs": runs, "made": made, "files": [str(file) for file in files]})
     return 0
 
@@ -151,7 +149,7 @@ def _seconds(text: str) -> list[float]:
     except ValueError:
         times_s = []
     if not times_s or not all(0.0 < value < 1e6 for value in times_s):
-        raise InputError(f"--time: {text!r} are not seconds above 0; write them as 10,60")
+        raise InputError(f"--time: must be a list of times above 0 s, such as 10,60, not {text!r}")
     return sorted(set(times_s))
 
 
@@ -173,13 +171,15 @@ def bench_link(
         str | None, typer.Option(help="Clients to compare: simulated,native,mavsdk; default: all.", metavar="A,B")
     ] = None,
     losses: Annotated[
-        str, typer.Option(help="Fractions of datagrams lost in each direction.", metavar="X,Y")
+        str, typer.Option(help="Fractions of datagrams to lose in each direction.", metavar="X,Y")
     ] = "0,0.05,0.1,0.2,0.3,0.4",
     delay_ms: Annotated[float, typer.Option("--delay", help="Delay of each datagram, in milliseconds.", min=0.0)] = 1.0,
     seeds: Annotated[
-        int, typer.Option(help="Number of runs for each client and loss rate. Seeds start at 0.", min=1)
+        int, typer.Option(help="Number of runs for each client and loss fraction. Seeds start at 0.", min=1)
     ] = 50,
-    at_a_time: Annotated[int, typer.Option(help="Number of parallel UDP transfers if datagrams are lost.", min=1)] = 16,
+    at_a_time: Annotated[
+        int, typer.Option(help="Number of simultaneous UDP transfers in runs with losses.", min=1)
+    ] = 16,
     out: ResultsFolder = None,
     output: options.Output,
 ) -> int:
@@ -199,13 +199,13 @@ def bench_link(
     try:
         shares = [float(text) for text in losses.split(",")]
     except ValueError:
-        raise InputError(f"--losses: {losses!r} are not numbers; write them as 0,0.1,0.3") from None
+        raise InputError(f"--losses: must be a list of numbers such as 0,0.1,0.3, not {losses!r}") from None
     if not all(0.0 <= share < 1.0 for share in shares):
-        raise InputError(f"--losses: {losses!r} must be from 0 to below 1")
+        raise InputError(f"--losses: each number must be at least 0 and below 1, not {losses!r}")
     wanted = trials(clients=chosen, losses=shares, delay_s=delay_ms / 1e3, seeds=seeds)
     done = {outcome.trial for outcome in read_outcomes(out)}
     missing = sum(trial not in done for trial in wanted)
-    console.say(f"{len(wanted)} transfers, {len(wanted) - missing} of them already in {out}")
+    console.say(f"transfers: {len(wanted)}; already in {out}: {len(wanted) - missing}")
     made = (each.trial for each in run_missing(out, wanted, at_a_time=at_a_time))
     _follow(console, "transfers", (f"{trial.client} {trial.loss:.0%}" for trial in made), missing, kept_in=out)
     cells = cells_of(read_outcomes(out))
@@ -220,7 +220,7 @@ def bench_link(
 
 
 def bench_areas(
-    data: Annotated[Path, typer.Argument(help="Folder AC300 of the AreaCoverage dataset.", metavar="DATA")],
+    data: Annotated[Path, typer.Argument(help="The folder AC300 of the AreaCoverage dataset.", metavar="DATA")],
     *,
     names: Annotated[
         str | None, typer.Option(help="Areas to plan, such as AC1_0000,AC15_0019; default: all.", metavar="A,B")
@@ -302,7 +302,7 @@ def _compare(
 
     with folder.reserved():
         missing = [name for name in chosen if not folder.has(name)]
-        console.say(f"{len(chosen)} {what}, {len(chosen) - len(missing)} of them already in {folder.path}")
+        console.say(f"{what}: {len(chosen)}; already in {folder.path}: {len(chosen) - len(missing)}")
         try:
             _show(console, what, plan(missing), len(missing))
         finally:
@@ -320,7 +320,7 @@ class RunSize:
 
     population: Annotated[int, typer.Option(help="Number of candidates per iteration.", min=1)] = 200
     iterations: Annotated[int, typer.Option(help="Number of iterations per run.", min=1)] = 500
-    archive: Annotated[int, typer.Option(help="Largest number of solutions that a run returns.", min=1)] = 200
+    archive: Annotated[int, typer.Option(help="Maximum number of solutions that a run returns.", min=1)] = 200
 
 
 def bench_mmf(
@@ -337,12 +337,12 @@ def bench_mmf(
             metavar="X,Y",
         ),
     ] = None,
-    runs: Annotated[int, typer.Option(help="Number of runs. The seeds start at 1.", min=1)] = 10,
+    runs: Annotated[int, typer.Option(help="Number of runs. Seeds start at 1.", min=1)] = 10,
     out: ResultsFolder = None,
     size: RunSize,
     processes: Processes = None,
     scheduler: options.Scheduler = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the names and exit.")] = False,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the available names and exit.")] = False,
     output: options.Output,
 ) -> int:
     """Run optimizers on the 24 multimodal functions, and compute IGD, IGDx, CR, PSP and hypervolume.
@@ -375,7 +375,7 @@ def bench_mmf(
     with folder.reserved(budget):
         missing = missing_runs(folder, functions=chosen_functions, algorithms=chosen_algorithms, runs=runs)
         wanted = len(chosen_functions) * len(chosen_algorithms) * runs
-        console.say(f"{wanted} runs, {wanted - len(missing)} of them already in {out}")
+        console.say(f"runs: {wanted}; already in {out}: {wanted - len(missing)}")
         made = make_runs(folder, missing, budget, processes=processes, scheduler=scheduler)
         _follow(console, "runs", map(str, made), len(missing), kept_in=out)
         files = write_results(folder, budget)
@@ -388,12 +388,12 @@ def bench_paper(
         str | None,
         typer.Option(help="Interpretations of the sensor, such as R2-ray,planar; default: all.", metavar="A,B"),
     ] = None,
-    runs: Annotated[int, typer.Option(help="Number of runs. The seeds start at 1.", min=1)] = 5,
+    runs: Annotated[int, typer.Option(help="Number of runs. Seeds start at 1.", min=1)] = 5,
     out: ResultsFolder = None,
     population: Annotated[int, typer.Option(help="Number of beetles.", min=20)] = 50,
     iterations: Annotated[int, typer.Option(help="Number of iterations per run.", min=1)] = 500,
     processes: Processes = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the interpretations and exit.")] = False,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the available interpretations and exit.")] = False,
     output: options.Output,
 ) -> int:
     """Run MODBO and IMODBO on the simulation of the paper, with five interpretations of its sensor.
@@ -417,7 +417,7 @@ def bench_paper(
     with folder.reserved():
         wanted = paper_runs(chosen, runs)
         missing = [run for run in wanted if not folder.has(run.key)]
-        console.say(f"{len(wanted)} runs, {len(wanted) - len(missing)} of them already in {out}")
+        console.say(f"runs: {len(wanted)}; already in {out}: {len(wanted) - len(missing)}")
         made = make_runs(
             folder, missing, population=population, iterations=iterations, processes=processes or available_cores()
         )
@@ -427,11 +427,11 @@ def bench_paper(
 
 
 _BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {
-    "areas": (bench_areas, "areas with holes of the AreaCoverage dataset, against published routes"),
-    "cetsp": (bench_cetsp, "close-enough TSP: discs seen from waypoints, against the best known tours"),
-    "coverage": (bench_coverage, "planners and baselines on the bundled scenarios, at equal time"),
-    "link": (bench_link, "missions over links that lose datagrams, against MAVSDK"),
-    "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),
+    "areas": (bench_areas, "areas with holes from the AreaCoverage dataset, compared with the published routes"),
+    "cetsp": (bench_cetsp, "close-enough TSP: discs observed from waypoints, compared with the best known tours"),
+    "coverage": (bench_coverage, "planners and baselines on the bundled scenarios, with equal time budgets"),
+    "link": (bench_link, "mission transfers over links that lose datagrams, compared with MAVSDK"),
+    "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, statistical tests, figures"),
     "paper": (bench_paper, "the paper's simulation: Tables 5 and 6, Figures 7 to 11"),
 }
 

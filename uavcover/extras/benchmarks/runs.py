@@ -98,7 +98,7 @@ def completed_by(
         yield from completed(function, tasks, processes=processes or available_cores())
         return
     if processes is not None:
-        raise InputError("--processes: requires runs on this machine alone; omit it with --scheduler")
+        raise InputError("--processes cannot be combined with --scheduler; omit one of them")
     with workers_of(scheduler) as workers:
         yield from workers.completed(_called, function, tasks)
 
@@ -119,7 +119,7 @@ def _received(pipe: Connection, task: object) -> Any:
         well, answer = pipe.recv()
     except (EOFError, ConnectionResetError):
         raise UavcoverError(
-            f"{task}: its process was killed (was there enough memory?); finished work is kept: repeat the command"
+            f"{task}: the process was killed, possibly for lack of memory; finished work is kept; run the same command again"
         ) from None
     if not well:
         raise answer
@@ -186,10 +186,10 @@ def reserved_folder(path: Path, settings: Mapping[str, str | int | float], *, ru
             before = _document(file)
             if before != settings:
                 raise InputError(
-                    f"{path}: its runs were made with {_words_of(before)}, not with {_words_of(settings)}; use another folder"
+                    f"{path}: the runs in this folder use {_words_of(before)}, not {_words_of(settings)}; use another folder"
                 )
         elif any(path.iterdir()):
-            raise OutputError(f"{path}: has files, but no {_SETTINGS} of a benchmark; use another folder")
+            raise OutputError(f"{path}: this folder has files, but no {_SETTINGS} of a benchmark; use another folder")
         else:
             write_text(file, json_text(dict(settings)))
         remove_half_written((path / runs).rglob("*"))
@@ -201,7 +201,7 @@ def write_run(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{path.parent}: cannot be made ({error.strerror})") from error
+        raise OutputError(f"{path.parent}: cannot create the folder ({error.strerror})") from error
     write_text(path, text)
 
 
@@ -250,7 +250,7 @@ def _document(path: Path) -> dict[str, Any]:
         if not isinstance(document, dict):
             raise ValueError("expected an object")
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); remove it and give the same command again") from error
+        raise InputError(f"{path}: cannot read the file ({error}); delete it and run the command again") from error
     return document
 
 

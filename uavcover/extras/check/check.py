@@ -156,7 +156,7 @@ def _frame_findings(mission: Mission, aircraft: Aircraft) -> list[CheckFinding]:
     return [
         CheckFinding(
             kind="frame", weight="look", items=items,
-            what="heights above the terrain require terrain data on the vehicle; without it, the mission stops there",
+            what="heights above the terrain require terrain data on the vehicle; without it, the mission stops at this item",
             do="send it with uavcover terrain --dat or uavcover terrain-server, and set TERRAIN_ENABLE to 1",
         )
     ]  # fmt: skip
@@ -268,7 +268,7 @@ def _readings(item: MissionItem) -> Iterator[tuple[str, Frame, float]]:
     yield "its value is plausible in feet: check the unit", item.frame, item.alt_m * _FOOT_M
     if item.frame is not Frame.ABOVE_TERRAIN:
         yield "its value is plausible as a height above the terrain: check the frame", Frame.ABOVE_TERRAIN, item.alt_m
-    yield "it is plausible if the height is in feet instead of metres", item.frame, item.alt_m / _FOOT_M
+    yield "its value is plausible if it is in feet instead of metres: check the unit", item.frame, item.alt_m / _FOOT_M
 
 
 _BENDING = 1.0 - 1.0 / (4.0 / 3.0)
@@ -294,7 +294,7 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
         places = places_along(segment)
         lowest, _, begin = lowest_of(world, _bent_lines(pilot_m, places))
         if lowest < -CHECKS.clearance_tolerance_m:
-            what = f"hidden from the pilot and the radio by {what_hides} {-lowest:.0f} m high in the line of sight"
+            what = f"hidden from the pilot and the radio: {what_hides} rise {-lowest:.0f} m above the line of sight"
             do = "choose another position (--pilot), fly higher, or use a spotter"
             found = segment.found("sight", -lowest, what=what, do=do, weight="look")
             hidden.append(found.at(world.geodetic(places[begin])))

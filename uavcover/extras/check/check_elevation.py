@@ -84,8 +84,8 @@ _AS_OPTIONS = (
     (r'; set terrain\.(?:surface_)?height_unit to "ft"', "; convert it to metres, or use --height-unit ft"),
     (r"; set terrain\.surface_vertical_datum or surface_height_unit", "; convert both to one datum and unit"),
     (
-        r"\(file is the ground, surface_file what stands on it\)",
-        "(--dem is the ground, --dsm includes what stands on it)",
+        r"\(file: the ground; surface_file: the surface with trees and roofs\)",
+        "(--dem: the ground; --dsm: the surface with trees and roofs)",
     ),
     (r"terrain\.surface_(?:file|crs|band|height_unit|vertical_datum)", "--dsm"),
     (r"terrain\.file", "--dem"),
@@ -161,9 +161,7 @@ def open_check_elevation(
     ask_about_heights(ground, user, option="--dem")
     suspects = () if trusted else _suspects(ground, datum, mission, home)
     for one in suspects[: WORLD.most_suspects]:
-        user.warn(
-            f"--dem: {ground.name} has {one.words}: these heights are treated as unknown (--trust-dem: as ground)"
-        )
+        user.warn(f"--dem: {ground.name} contains {one.words}, treated as unknown (with --trust-dem, as ground)")
     if not surface:
         return CheckElevation(ground, datum, suspects=suspects)
     ask_about_surface(ground, user, beside_surface=True)

@@ -84,15 +84,15 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
     figures = figures_of(checked)
     over = ", trees and roofs" if checked.world is not None and checked.world.surface is not None else ""
     words = {
-        "length_m": ("path", "m"), "time_s": ("time", "s"), "min_height_agl_m": (f"lowest above ground{over}", "m"),
-        "max_height_agl_m": ("highest above ground", "m"), "max_above_home_m": ("highest above home", "m"),
-        "max_distance_m": ("farthest from home", "m"),
+        "length_m": ("path", "m"), "time_s": ("time", "s"), "min_height_agl_m": (f"lowest height above ground{over}", "m"),
+        "max_height_agl_m": ("greatest height above ground", "m"), "max_above_home_m": ("greatest height above home", "m"),
+        "max_distance_m": ("greatest distance from home", "m"),
     }  # fmt: skip
     texts = [f"{name} {figures[key]:.0f} {unit}" for key, (name, unit) in words.items() if figures[key] is not None]
     if texts:
         user.say("; ".join(texts))
     if figures["time_s"] is not None:
-        user.say(f"the time assumes {outcome.aircraft.speeds_in_words}; speeds in the mission have priority")
+        user.say(f"the flight time assumes {outcome.aircraft.speeds_in_words}; speeds in the mission take precedence")
     for line in () if outcome.view is None else outcome.view.lines:
         user.say(line)
     user.say(f"verdict: {checked.verdict}")
@@ -138,7 +138,7 @@ def refuse_map(path: Path, *, force: bool) -> None:
     if path.suffix.lower() not in (".geojson", ".json", ".html"):
         raise OutputError(f"--map: {path}: the name must end in .geojson, or .html for a page")
     if path.exists() and not force:
-        raise OutputError(f"{path}: this file already exists; choose another name, or use --force to replace it")
+        raise OutputError(f"{path} already exists; use --force to overwrite it, or choose another name")
 
 
 def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
@@ -162,9 +162,7 @@ def render_check_page(query: CheckQuery, outcome: CheckOutcome) -> str:
     """The page as text. Raises InputError: the mission has no path that could be drawn."""
     checked = outcome.checked
     if checked.path is None or checked.world is None or not checked.path.segments:
-        raise InputError(
-            f"--map: {query.file}: the mission has no path to draw; use a .geojson map, or repair the findings first"
-        )
+        raise InputError(f"--map: {query.file}: the mission has no path to draw; use a .geojson map")
     legs = _legs(checked, checked.world)
     figures = {key: value for key, value in figures_of(checked).items() if value is not None}
     values = {
@@ -235,7 +233,7 @@ def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckF
     high = float(np.nanmax([flown.max(), np.nanmax(ground)]))
     floor = low - 0.06 * (high - low + 1.0)
     plot = Plot((0.0, max(float(along[-1]), 1e-3)), (floor, high + 0.04 * (high - low + 1.0)))
-    plot.between("band", along, ground, ground + limits.min_height_agl_m, name="below the least height")
+    plot.between("band", along, ground, ground + limits.min_height_agl_m, name="below the minimum height")
     plot.between("ground", along, np.full(along.size, floor), ground, name="ground")
     plot.line("planned", along, flown, name="path")
     named = False
@@ -243,7 +241,7 @@ def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckF
         if is_broken:
             plot.line("limit", at / 1000.0, alts, name="" if named else "broken")
             named = True
-    return plot.finished("profile", "Along the path", x_label="distance, km", y_label="height above sea level, m")
+    return plot.finished("profile", "Height profile", x_label="distance, km", y_label="height above sea level, m")
 
 
 def _data(checked: Checked, world: World, outcome: CheckOutcome, legs: list[dict[str, Any]]) -> dict[str, Any]:

@@ -24,31 +24,29 @@ class AircraftOptions:
     ] = None
     autopilot: Annotated[
         str | None,
-        typer.Option(
-            help="Autopilot of the mission; default: that of the file, or ardupilot.", metavar="ardupilot|px4"
-        ),
+        typer.Option(help="Autopilot for the mission; default: as in the file, or ardupilot.", metavar="ardupilot|px4"),
     ] = None
     flies_as: Annotated[
         str | None,
-        typer.Option(help="Vehicle type: multirotor, fixed-wing or vtol; default: that of the file.", metavar="KIND"),
+        typer.Option(help="Vehicle type: multirotor, fixed-wing or vtol; default: as in the file.", metavar="KIND"),
     ] = None
     speed: Annotated[
-        str | None, typer.Option(help="Ground speed; default: that of the vehicle or autopilot.", metavar="SPEED")
+        str | None, typer.Option(help="Ground speed; default: from the vehicle or autopilot.", metavar="SPEED")
     ] = None
     bank: Annotated[
         float | None,
         typer.Option(
-            help="Bank angle of a fixed-wing aircraft in turns; default: that of the autopilot.", metavar="DEGREES"
+            help="Bank angle of a fixed-wing aircraft in turns; default: from the autopilot.", metavar="DEGREES"
         ),
     ] = None
     battery: Annotated[
-        str | None, typer.Option(help="Flight time of a full battery, such as 25min.", metavar="TIME")
+        str | None, typer.Option(help="Flight time on a full battery, such as 25min.", metavar="TIME")
     ] = None
     reserve: Annotated[float, typer.Option(help="Battery reserve in percent.", metavar="PERCENT")] = 20.0
     return_height: Annotated[
         str | None,
         typer.Option(
-            help="Return altitude above home (RTL_ALT, RTL_RETURN_ALT); default: that of the autopilot.",
+            help="Return height above home (RTL_ALT, RTL_RETURN_ALT); default: the autopilot's default.",
             metavar="LENGTH",
         ),
     ] = None
@@ -56,9 +54,7 @@ class AircraftOptions:
         Path | None,
         typer.Option(
             "--parameters",
-            help=(
-                "Parameter file saved by a ground station, for returns and failsafes; default: values of the autopilot."
-            ),
+            help=("Parameter file of a ground station, for returns and failsafes; default: the autopilot's defaults."),
             metavar="FILE",
         ),
     ] = None
@@ -69,14 +65,16 @@ class LimitOptions:
     """Options for the limits."""
 
     min_height: Annotated[
-        str, typer.Option(help="Lowest height above ground between take-off and landing.", metavar="LENGTH")
+        str, typer.Option(help="Minimum height above ground between take-off and landing.", metavar="LENGTH")
     ] = "10m"
-    max_height: Annotated[str, typer.Option(help="Greatest height above ground, or none.", metavar="LENGTH")] = "120m"
-    max_above_home: Annotated[str | None, typer.Option(help="Greatest height above home.", metavar="LENGTH")] = None
-    max_distance: Annotated[str | None, typer.Option(help="Greatest distance from home.", metavar="LENGTH")] = None
-    obstacle_clearance: Annotated[str, typer.Option(help="Smallest distance from obstacles.", metavar="LENGTH")] = "10m"
+    max_height: Annotated[
+        str, typer.Option(help="Maximum height above ground, or none for no limit.", metavar="LENGTH")
+    ] = "120m"
+    max_above_home: Annotated[str | None, typer.Option(help="Maximum height above home.", metavar="LENGTH")] = None
+    max_distance: Annotated[str | None, typer.Option(help="Maximum distance from home.", metavar="LENGTH")] = None
+    obstacle_clearance: Annotated[str, typer.Option(help="Minimum distance from obstacles.", metavar="LENGTH")] = "10m"
     wind: Annotated[
-        str | None, typer.Option(help="Wind speed from the worst direction, such as 8m/s.", metavar="SPEED")
+        str | None, typer.Option(help="Wind speed, assumed from the worst direction, such as 8m/s.", metavar="SPEED")
     ] = None
 
     def limits(self) -> "Limits":
@@ -90,7 +88,7 @@ class LimitOptions:
 
         low, high = length(self.min_height, "--min-height", "10m"), length(self.max_height, "--max-height", "120m")
         if low is not None and high is not None and low > high:
-            raise InputError(f"--min-height: {low:g} m is above --max-height ({high:g} m); use a lower value")
+            raise InputError(f"--min-height: {low:g} m is greater than --max-height ({high:g} m); use a lower value")
         return Limits(
             min_height_agl_m=0.0 if low is None else low,
             max_height_agl_m=high,
@@ -115,7 +113,8 @@ class AroundOptions:
         ),
     ] = None
     rally: Annotated[
-        Path | None, typer.Option(help="Rally points (.plan, .waypoints); default: those in the .plan.", metavar="FILE")
+        Path | None,
+        typer.Option(help="Rally points (.plan, .waypoints); default: the rally points in the .plan.", metavar="FILE"),
     ] = None
     no_fly: Annotated[
         list[str] | None,
@@ -127,7 +126,7 @@ class AroundOptions:
         typer.Option(help="Obstacles: polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"),
     ] = None
     home: Annotated[
-        str | None, typer.Option(help="Take-off position; default: that in the file.", metavar="LAT,LON")
+        str | None, typer.Option(help="Take-off position; default: the home in the file.", metavar="LAT,LON")
     ] = None
     pilot: Annotated[
         str | None, typer.Option(help="Position of the pilot and radio; default: home.", metavar="LAT,LON")
@@ -144,9 +143,9 @@ class ViewOptions:
     camera: Annotated[
         str | None, typer.Option(help="Camera: a name (see new --camera list) or a TOML file.", metavar="NAME")
     ] = None
-    gsd: Annotated[str | None, typer.Option(help="Largest ground sample distance that counts.", metavar="LENGTH")] = (
-        None
-    )
+    gsd: Annotated[
+        str | None, typer.Option(help="Maximum ground sample distance of photos that count.", metavar="LENGTH")
+    ] = None
     overlap: Annotated[
         str | None, typer.Option(help="Required forward and side overlap in percent.", metavar="F/S")
     ] = None
@@ -158,7 +157,7 @@ class ViewOptions:
     picture_every: Annotated[
         str | None,
         typer.Option(
-            help="Distance or interval of a camera that triggers itself, such as 10m or 2s.", metavar="LENGTH|TIME"
+            help="Distance or interval at which the camera triggers itself, such as 10m or 2s.", metavar="LENGTH|TIME"
         ),
     ] = None
 
@@ -173,18 +172,14 @@ class ViewOptions:
         if self.area is None:
             for name in ("camera", "gsd", "overlap", "coverage", "picture_every"):
                 if getattr(self, name) is not None:
-                    raise InputError(
-                        f"--{name.replace('_', '-')}: this option requires --area, the ground to be covered"
-                    )
+                    raise InputError(f"--{name.replace('_', '-')}: this option requires --area, the area to cover")
             return None
         if self.camera is None:
-            raise InputError(
-                "--area: this option requires --camera, whose photos cover the area (uavcover new --camera list)"
-            )
+            raise InputError("--area: this option requires --camera; see uavcover new --camera list")
         if self.coverage is not None and not 0.0 < self.coverage <= 1.0:
-            raise InputError(f"--coverage: {self.coverage:g} must be above 0 and at most 1")
+            raise InputError(f"--coverage: must be above 0 and at most 1, not {self.coverage:g}")
         if not -90.0 <= self.camera_pitch <= 0.0:
-            raise InputError(f"--camera-pitch: {self.camera_pitch:g} is outside -90 (straight down) to 0 (ahead)")
+            raise InputError(f"--camera-pitch: must be -90 (straight down) to 0 (ahead), not {self.camera_pitch:g}")
         every, always = self.picture_every, None
         if every is not None:
             by_time = every.strip().endswith(("s", "min"))
@@ -214,9 +209,7 @@ class WrittenOptions:
         bool,
         typer.Option(
             "--fix",
-            help=(
-                "Raise low waypoints, add waypoints where a leg hits the ground, and split long missions. Requires -o."
-            ),
+            help=("Raise low waypoints, add some where a leg hits the ground and split long missions. Requires -o."),
         ),
     ] = False
     out: Annotated[
@@ -228,7 +221,8 @@ class WrittenOptions:
     max_items: Annotated[
         int | None,
         typer.Option(
-            help="Largest number of items on the vehicle. With --fix, longer missions are split.", metavar="N"
+            help="Maximum number of mission items that the vehicle can store. With --fix, longer missions are split.",
+            metavar="N",
         ),
     ] = None
     force: options.Force = False
@@ -265,13 +259,13 @@ def check(
 
     console = output.console()
     if not dem.dem:
-        raise InputError("--dem: specify elevation data: a raster, a folder or a pattern of tiles")
+        raise InputError("--dem: specify elevation data, such as a raster, a folder or a pattern of tiles")
     if not 0.0 <= aircraft.reserve < 100.0:
-        raise InputError(f"--reserve: {aircraft.reserve:g} is not a valid reserve; use 0 to 99 percent")
+        raise InputError(f"--reserve: must be between 0 and 99 percent, not {aircraft.reserve:g}")
     if written.max_items is not None and written.max_items < 8:
-        raise InputError(f"--max-items: {written.max_items} is too few for a flight; use 8 or more")
+        raise InputError(f"--max-items: must be 8 or more, not {written.max_items}")
     if aircraft.bank is not None and not 5.0 <= aircraft.bank <= 80.0:
-        raise InputError(f"--bank: {aircraft.bank:g} is outside 5 to 80 degrees")
+        raise InputError(f"--bank: must be between 5 and 80 degrees, not {aircraft.bank:g}")
     if written.map_file is not None:
         refuse_map(written.map_file, force=written.force)
     if written.out is not None and not written.fix:
@@ -313,7 +307,7 @@ def check(
             write_check_page(query, outcome, written.map_file)
         else:
             write_map(outcome, written.map_file, force=written.force)
-        console.say(f"written: {written.map_file}")
+        console.say(f"wrote {written.map_file}")
     document = document_of(query, outcome)
     if len(outcomes) > 1:
         document = {

@@ -28,10 +28,10 @@ def endurance_findings(path: FlownPath, aircraft: Aircraft, limits: Limits) -> t
     wind = f" in {limits.wind_m_s:g} m/s of wind" if limits.wind_m_s > 0.0 else ""
     if not math.isfinite(seconds):
         what = f"the aircraft makes no progress against {limits.wind_m_s:g} m/s of wind"
-        return seconds, [CheckFinding(kind="wind", weight="breaks", what=what, do="wait for less wind")]
+        return seconds, [CheckFinding(kind="wind", weight="breaks", what=what, do="fly in less wind")]
     if limits.wind_m_s > 0.0 and not aircraft.has_wings and aircraft.max_airspeed_m_s is None:
         what = f"the flight in {limits.wind_m_s:g} m/s of wind cannot be judged: the maximum airspeed is unknown"
-        do = "specify --vehicle NAME, or a TOML file with max_speed_m_s"
+        do = "specify --vehicle with a name, or with a TOML file that contains max_speed_m_s"
         found = CheckFinding(kind="wind", weight="unknown", what=what, do=do)
         return seconds, [found, *_battery_findings(seconds, aircraft, ", without wind")]
     return seconds, _battery_findings(seconds, aircraft, wind)
@@ -44,8 +44,8 @@ def _battery_findings(seconds: float, aircraft: Aircraft, wind: str) -> list[Che
     if seconds <= usable_s:
         return []
     what = (
-        f"takes {seconds / 60.0:.1f} min{wind}; the battery lasts {usable_s / 60.0:.1f} min with "
-        f"{100.0 * aircraft.reserve_fraction:.0f} % in reserve"
+        f"the mission takes {seconds / 60.0:.1f} min{wind}; the battery lasts {usable_s / 60.0:.1f} min with "
+        f"{100.0 * aircraft.reserve_fraction:.0f} % held in reserve"
     )
     do = "split the mission, or fly it faster"
     return [CheckFinding(kind="battery", weight="breaks", by=seconds - usable_s, unit="s", what=what, do=do)]
@@ -139,7 +139,8 @@ def speed_findings(path: FlownPath, aircraft: Aircraft) -> list[CheckFinding]:
     found = [
         CheckFinding(
             kind="speed", weight="breaks", items=segment.items, by=segment.speed_m_s - most, unit="m/s",
-            what=f"{segment.speed_m_s:g} m/s are commanded, but the vehicle flies at most {most:g}", do="command a lower speed",
+            what=f"the mission commands {segment.speed_m_s:g} m/s, but the vehicle flies at most {most:g} m/s",
+            do="command a lower speed",
         )
         for segment in path.distinct
         if segment.speed_m_s > most + 1e-6
@@ -163,9 +164,10 @@ def wing_findings(path: FlownPath, world: World, aircraft: Aircraft) -> list[Che
         if missing_m > 1.0:
             words = "climb" if rise_m > 0.0 else "descent"
             what = (
-                f"a {words} of {abs(rise_m):.0f} m on {flat_m:.0f} m: the vehicle is {missing_m:.0f} m short at the end"
+                f"the leg has a {words} of {abs(rise_m):.0f} m over {flat_m:.0f} m; at its end, the vehicle is "
+                f"{missing_m:.0f} m short"
             )
-            do = "make the leg longer, or circle to the height first (LOITER_TO_ALT)"
+            do = "lengthen the leg, or first circle to the required height (LOITER_TO_ALT)"
             found = segment.found("climb", missing_m, what=what, do=do, weight="breaks" if rise_m > 0.0 else "look")
             steep.append(found.at(world.geodetic(segment.enu_m[-1])))
     for one, two in itertools.pairwise(legs):
@@ -186,8 +188,8 @@ def _tight_turn(one: Segment, two: Segment, world: World, aircraft: Aircraft) ->
     if needed_m <= min(length_a, length_b):
         return []
     what = (
-        f"a turn of {math.degrees(angle):.0f} degrees with legs shorter than its radius of {radius_m:.0f} m "
-        f"requires: up to {aside_m:.0f} m beside the next leg"
+        f"the legs are too short for a turn of {math.degrees(angle):.0f} degrees with a radius of {radius_m:.0f} m; "
+        f"the aircraft flies up to {aside_m:.0f} m beside the next leg"
     )
     found = two.found("turn", aside_m, what=what, do="increase the distance between the waypoints", weight="look")
     return [found.at(world.geodetic(one.enu_m[-1]))]

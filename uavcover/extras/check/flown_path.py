@@ -100,8 +100,8 @@ class _Flight:
             self._then = then
             command(self, number, item)
         elif item.command in _FREE_FLIGHT or (item.command == _GUIDED_ENABLE and item.params[0] != 0.0):
-            self._look(number, "meaning", f"command {item.command} hands over to another controller, so its path is unknown",
-                       "check that part separately", "unknown")  # fmt: skip
+            self._look(number, "meaning", f"command {item.command} gives control to another controller, so the path is unknown",
+                       "check this part separately", "unknown")  # fmt: skip
         elif item.command > LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
             self.deeds.append(Deed(number, len(self.segments)))
         elif item.has_position and self._has_place(item):
@@ -135,11 +135,13 @@ class _Flight:
                     kind="empty",
                     weight="unknown",
                     what="the mission contains no item with a position",
-                    do="provide such a mission",
+                    do="use a mission that contains waypoints",
                 )
             )
         elif not self._is_over:
-            self._look(self._number, "end", "the mission ends in the air", "end it with a landing or a return", "look")
+            self._look(
+                self._number, "end", "the mission ends in the air", "end the mission with a landing or a return", "look"
+            )
 
     # What the items do.
 
@@ -151,7 +153,11 @@ class _Flight:
     def _spline(self, number: int, item: MissionItem) -> None:
         if self._aircraft.autopilot == "px4" or self._aircraft.has_wings:
             self._look(
-                number, "meaning", "only ArduCopter flies splines; judged as a straight leg", "use a waypoint", "look"
+                number,
+                "meaning",
+                "only ArduCopter flies splines; this leg is judged as straight",
+                "use a normal waypoint instead",
+                "look",
             )
             self._waypoint(number, item)
             return
@@ -185,8 +191,8 @@ class _Flight:
         elif self._has_place(item):
             self._go(number, target, phase="take-off")
         else:
-            self._look(number, "meaning", "the direction of this take-off is not in the mission",
-                       "check the ground around the runway", "look")  # fmt: skip
+            self._look(number, "meaning", "the mission does not define the direction of this take-off",
+                       "check the terrain around the runway", "look")  # fmt: skip
             self._go(number, top, phase="take-off", doubt="direction of the take-off")
         self._is_up = True
         self._vector_m = None
@@ -248,11 +254,11 @@ class _Flight:
     def _delay(self, number: int, item: MissionItem) -> None:
         if any(part >= 0.0 for part in item.params[1:]) and _number(item.params[0]) <= 0.0:
             limited = self._aircraft.endurance_s is not None
-            self._look(number, "endless", "waits until a time of day; the duration depends on the take-off",
+            self._look(number, "endless", "the item waits until a time of day, so its duration depends on the take-off time",
                        "specify seconds, or monitor the battery", "unknown" if limited else "look")  # fmt: skip
         if self._aircraft.autopilot == "px4" and not self._aircraft.has_wings:  # docs/results/safety.md
             self._look(number, "meaning", "PX4 1.17 descends at a DELAY; in simulation it flew the next leg up to 38 m too low",
-                       "let the waypoint before it wait (its parameter 1)", "unknown")  # fmt: skip
+                       "set the waiting time in the preceding waypoint (parameter 1)", "unknown")  # fmt: skip
         self._wait(max(_number(item.params[0]), 0.0))
         self._vector_m = None
 
@@ -269,7 +275,13 @@ class _Flight:
     def _check_is_up(self, number: int) -> None:
         if not self._is_up:
             self._is_up = True
-            self._look(number, "take-off", "the mission starts without a take-off", "start with a take-off", "look")
+            self._look(
+                number,
+                "take-off",
+                "the mission starts without a take-off",
+                "insert a take-off as the first item",
+                "look",
+            )
 
     def _circle(
         self,

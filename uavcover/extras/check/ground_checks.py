@@ -70,9 +70,9 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
 
 def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
     if segment.phase == "return":
-        return "return higher (--return-height), or end the mission with a return transit"
+        return "use a greater return height (--return-height), or end the mission with a return transit"
     if segment.phase in ("take-off", "landing") and world.surface is not None:
-        return "take off and land away from obstacles"
+        return "choose take-off and landing positions away from obstacles"
     return f"raise {points} by {short_m:.0f} m or more, or insert a waypoint"
 
 
@@ -144,12 +144,12 @@ def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding
         if np.isfinite(place).all() and shape.distance(leg) <= reach_m:
             nearest = shapely.ops.nearest_points(leg, shape)[0]
             at = np.array([nearest.x, nearest.y, place[2]])
-            what = f"the elevation data is not plausible here: {words}"
+            what = f"the elevation data is implausible here: {words}"
             return CheckFinding(
                 kind="suspect-ground", weight="unknown", items=segment.items, what=what, do=OTHER_DATA
             ).at(world.geodetic(at))
     found = CheckFinding(
-        kind="no-elevation", weight="unknown", items=segment.items, what="the elevation data has no height here",
+        kind="no-elevation", weight="unknown", items=segment.items, what="the elevation data contains no height here",
         do="use elevation data that covers the whole flight",
     )  # fmt: skip
     return found.at(world.geodetic(place)) if np.isfinite(place).all() else found

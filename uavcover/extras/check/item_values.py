@@ -28,7 +28,7 @@ _PLACES: Final = (
 )  # fmt: skip
 _WAITS: Final = {
     int(Command.NAV_WAYPOINT): "waits", int(Command.NAV_SPLINE_WAYPOINT): "waits", int(Command.NAV_LOITER_TIME): "circles",
-    int(Command.NAV_DELAY): "waits", int(Command.CONDITION_DELAY): "delays the next items",
+    int(Command.NAV_DELAY): "waits", int(Command.CONDITION_DELAY): "delays the following items",
 }  # fmt: skip
 _Problem = tuple[Weight, str, str]
 """Weight, problem, remedy."""
@@ -48,8 +48,8 @@ def impossible_numbers(mission: Mission) -> list[CheckFinding]:
         if item.command == Command.DO_CHANGE_SPEED and item.params[1] > PATH.fastest_m_s:
             problems.append(f"a speed of {item.params[1]:g} m/s")
         if item.command in _WAITS and math.isinf(item.params[0]):
-            problems.append(f"{item.params[0]:g} s of waiting")
-        do = "correct it; the other checks were not made"
+            problems.append(f"{item.params[0]:g} s of waiting time")
+        do = "correct this value; no other checks were made"
         found += [
             CheckFinding(kind="number", weight="breaks", items=(number, number), what=what, do=do) for what in problems
         ]
@@ -75,10 +75,12 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
         if item.command == Command.DO_LAND_START:
             land_starts += 1
             if land_starts > 1 and aircraft.autopilot == "px4":
-                problems.append(("breaks", "this is a second land start, and PX4 refuses the mission", "keep only one"))
+                problems.append(
+                    ("breaks", "this is a second DO_LAND_START, which PX4 refuses", "keep only one of them")
+                )
         if aircraft.autopilot == "px4" and not item.autocontinue and item.command in _PLACES:
-            what = "it does not continue automatically (autocontinue 0)"
-            problems.append(("look", what, "set it, or fly with a pilot at the controls"))
+            what = "the mission does not continue automatically after this item (autocontinue 0)"
+            problems.append(("look", what, "set autocontinue to 1, or fly with a pilot at the controls"))
         found += [
             CheckFinding(kind="value", weight=weight, items=(number, number), what=what, do=do)
             for weight, what, do in problems
@@ -91,7 +93,7 @@ def _frames(item: MissionItem) -> Iterator[_Problem]:
     if item.frame is not Frame.COMMAND or item.command not in _PLACES:
         return
     if (item.lat_deg, item.lon_deg) != (0.0, 0.0) or (item.command in _TAKEOFFS and item.alt_m != 0.0):
-        what = "its frame, 2, is for items without a position; ArduPilot reads its height as above sea level"
+        what = "frame 2 is for items without a position; ArduPilot interprets this height as above sea level"
         yield "breaks", what, "use frame 3 (above home), 0 (above sea level) or 10 (above the terrain)"
 
 
@@ -104,7 +106,7 @@ def _waits(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
         yield "look", f"{_WAITS[item.command]} for {time_s:g} s, which is not a valid time", "use 0 seconds or more"
     if time_s > _ARDUPILOT_WAIT_S and aircraft.autopilot == "ardupilot" and item.command in _TIMED:
         what = f"{_WAITS[item.command]} for {time_s:g} s, but ArduPilot keeps only {_ARDUPILOT_WAIT_S:g}"
-        yield "breaks", what, "use less, or insert two items"
+        yield "breaks", what, "use a shorter time, or insert two items"
 
 
 def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
@@ -112,29 +114,37 @@ def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
         return
     turns, radius_m = item.params[0], abs(item.params[2])
     if turns < 0.0:
-        what = f"{turns:g} turns: the behaviour of the autopilot is unknown"
-        yield "breaks", what, "use turns above 0; a negative radius turns left"
+        what = f"{turns:g} turns: the autopilot's behaviour is unknown"
+        yield "breaks", what, "use a number of turns above 0; a negative radius circles to the left"
     elif turns == 0.0:
-        yield "look", "no turns: the vehicle flies to the circle and continues", "specify turns, or use a waypoint"
+        yield (
+            "look",
+            "0 turns: the vehicle flies to the circle and continues",
+            "specify the number of turns, or use a waypoint",
+        )
     elif aircraft.autopilot == "ardupilot" and turns > _ARDUPILOT_TURNS:
-        yield "breaks", f"{turns:g} turns, but ArduPilot keeps only {_ARDUPILOT_TURNS:g}", "insert two items"
+        yield (
+            "breaks",
+            f"{turns:g} turns, but ArduPilot keeps only {_ARDUPILOT_TURNS:g}",
+            "divide the turns between two items",
+        )
     if aircraft.autopilot == "ardupilot" and radius_m > _ARDUPILOT_RADIUS_M:
         what = f"a circle of {radius_m:g} m, but ArduPilot keeps only {_ARDUPILOT_RADIUS_M:g} m"
-        yield "breaks", what, "fly it with waypoints"
+        yield "breaks", what, "replace the circle with waypoints"
 
 
 def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
     kind, speed, throttle = item.params[:3]
     if not (math.isfinite(kind) and math.isfinite(speed)):
-        yield "unknown", "a change of speed without a number", "specify the speed in m/s"
+        yield "unknown", "the item changes the speed, but states no speed", "specify the speed in m/s"
         return
     if kind not in tuple(each.value for each in SpeedType):
-        yield "look", f"{kind:g} is not a kind of speed (0 air, 1 ground, 2 climb, 3 descent)", "use one of these"
+        yield "look", f"{kind:g} is not a speed type (0 air, 1 ground, 2 climb, 3 descent)", "use one of these types"
     if speed > 0.0 or (speed == -1.0 and throttle > 0.0) or speed == -2.0:
         return  # -1 leaves the speed alone, -2 takes the default
-    does = "resets the speed to its default" if aircraft.autopilot == "px4" else "changes nothing"
+    does = "resets the speed to the default" if aircraft.autopilot == "px4" else "changes nothing"
     if aircraft.autopilot == "ardupilot" and aircraft.has_wings and kind == SpeedType.GROUND.value:
-        does = "is interpreted as the lowest ground speed, which is then zero"
+        does = "is interpreted as the minimum ground speed, which is then zero"
     if speed == -1.0 and does == "changes nothing":
         return
     yield "look", f"a speed of {speed:g} m/s {does}", "specify the speed in m/s; -2 selects the default"
@@ -142,13 +152,13 @@ def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
 
 def _homes(item: MissionItem, home: GeoPoint | None) -> Iterator[_Problem]:
     """A home that is moved: heights above home and the return count from there on from another one."""
-    moved = "moves home: heights above home and the return change; judged with the original home"
+    moved = "moves home, which changes heights above home and the return; the mission was judged with the original home"
     if item.params[0] != 1.0 and home is not None and item.has_position:
         away_m = ground_distance_m(home.lat_deg, home.lon_deg, item.lat_deg, item.lon_deg)
         above_m = item.alt_m - (home.alt_amsl_m if item.frame is Frame.AMSL else 0.0)
         if away_m < PATH.same_home_m and abs(above_m) < PATH.same_home_m:
             return
-    yield "unknown", moved, "remove it, or judge the mission in two parts (--home)"
+    yield "unknown", moved, "remove this item, or check the mission in two parts (--home)"
 
 
 def _taking_over(item: MissionItem) -> Iterator[_Problem]:
@@ -156,7 +166,7 @@ def _taking_over(item: MissionItem) -> Iterator[_Problem]:
     if row is not None:
         weight, what, applies = row
         if applies(item.params):
-            yield weight, what, "remove it, or ignore the later items"
+            yield weight, what, "remove this item, or ignore the findings of later items"
 
 
 def _always(_: tuple[float, float, float, float]) -> bool:
@@ -165,14 +175,15 @@ def _always(_: tuple[float, float, float, float]) -> bool:
 
 _TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, float, float]], bool]]]] = MappingProxyType(
     {
-        113: ("unknown", "changes the height at a rate; judged without this change", _always),
+        113: ("unknown", "changes the height at a given rate; the mission was judged without this change", _always),
         int(Command.DO_SET_MODE): ("unknown", "changes the flight mode: the vehicle then leaves this mission", _always),
         185: ("breaks", "terminates the flight: motors off", lambda params: params[0] > 0.5),
-        186: ("unknown", "changes the height; judged without this change", _always),
-        191: ("unknown", "goes around: the autopilot determines the path", _always),
-        int(Command.DO_REPOSITION): ("unknown", "sends the vehicle to another position; judged without this change", _always),
-        int(Command.DO_PAUSE_CONTINUE): ("look", "stays until a command to continue", lambda params: params[0] == 0.0),
-        194: ("unknown", "drives backwards; judged without this change", lambda params: params[0] == 1.0),
+        186: ("unknown", "changes the height; the mission was judged without this change", _always),
+        191: ("unknown", "starts a go-around, whose path the autopilot determines", _always),
+        int(Command.DO_REPOSITION): ("unknown", "sends the vehicle to another position; the mission was judged "
+                                                "without this change", _always),
+        int(Command.DO_PAUSE_CONTINUE): ("look", "holds until a command to continue", lambda params: params[0] == 0.0),
+        194: ("unknown", "reverses the direction of travel; judged without this change", lambda params: params[0] == 1.0),
         207: ("look", "disables the fence: the vehicle can leave the area", lambda params: params[0] == 0.0),
         208: ("breaks", "releases the parachute", lambda params: params[0] == 2.0),
         223: ("breaks", "stops the engine", lambda params: params[0] == 0.0),
@@ -225,17 +236,17 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 and all(one.command > LAST_NAVIGATION for one in items[int(target) - 1 : at - 1])
             ):
                 do = "jump to an item with a position, or remove the jump"
-                found("jump", "breaks", int(target), f"{leads}: an endless loop without a position", do)
+                found("jump", "breaks", int(target), f"{leads}: this is an endless loop without a position", do)
             else:
                 if times < 0 and not taken[at]:
-                    what = f"jumps back to item {target:g} endlessly; {PATH.endless_passes} rounds were judged"
+                    what = f"jumps back to item {target:g} without end; {PATH.endless_passes} repeats were judged"
                     found("endless", "look", at, what, "specify the number of repeats, or monitor the battery")
                 if taken[at] < (PATH.endless_passes if times < 0 else times):
                     taken[at] += 1
                     following = int(target)
         at = following
         if len(order) >= PATH.max_steps or sum(taken.values()) >= PATH.max_steps:
-            what = f"with its jumps the mission has more than {PATH.max_steps} items; the later ones were not judged"
-            found("endless", "unknown", at, what, "reduce the repeats of the jumps")
+            what = f"with its jumps, the mission has more than {PATH.max_steps} items; the rest was not judged"
+            found("endless", "unknown", at, what, "reduce the number of repeats of the jumps")
             break
     return ItemOrder(tuple(order), tuple(findings))

@@ -128,7 +128,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         for doubt in doubts_about_fence(read.fence):
             user.warn(f"{query.file}: doubtful: {doubt}")
     if not read.mission.items:
-        raise InputError(f"{query.file}: the mission has no items; provide a file with mission items")
+        raise InputError(f"{query.file}: the mission has no items; use a file with mission items")
     aircraft = aircraft_of(query, read)
     home = read.home if query.home is None else query.home
     elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user, trusted=query.trust_dem)
@@ -154,13 +154,9 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         counting = [zone for zone in found if zone.in_force(window)]
         timed = sum(zone.has_times for zone in counting)
         if len(counting) < len(found):
-            user.say(
-                f"{len(found) - len(counting)} of {len(found)} no-fly zones are not active during the flight and do not count"
-            )
+            user.say(f"{len(found) - len(counting)} of {len(found)} no-fly zones, inactive at that time, were ignored")
         elif timed and window is None:
-            user.say(
-                f"{timed} no-fly zones have schedules and count as always active; state the time of the flight with --at"
-            )
+            user.say(f"{timed} no-fly zones have schedules, but were treated as always active; give the time with --at")
         return counting
 
     surface = None if elevation.over is None else elevation.read_surface
@@ -188,11 +184,13 @@ def _too_many(query: CheckQuery, read: ReadMission) -> list[CheckFinding]:
     controller = _MOST_POINTS.get(query.file.suffix.lower())
     if read.points and controller is not None and len(read.points) > controller[0]:
         most, name = controller
-        found.append((f"{len(read.points)} points; the limit of {name} is {most}", len(read.points) - most))
+        found.append(
+            (f"the mission has {len(read.points)} points, but {name} accepts at most {most}", len(read.points) - most)
+        )
     count = len(read.mission.items)
     if query.most_items is not None and count > query.most_items:
-        found.append((f"{count} items; the limit is {query.most_items}", count - query.most_items))
-    do = "split it: --fix --max-items N -o FILE"
+        found.append((f"the mission has {count} items; the limit is {query.most_items}", count - query.most_items))
+    do = "split it with --fix --max-items N -o FILE"
     return [CheckFinding(kind="items", weight="breaks", by=float(over), what=what, do=do) for what, over in found]
 
 
@@ -252,7 +250,7 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
     if query.kind is not None:
         known: dict[str, Kind] = {name: name for name in KINDS}
         if query.kind not in known:
-            raise InputError(f"--flies-as: {query.kind!r} is not known; use {', '.join(KINDS)}")
+            raise InputError(f"--flies-as: unknown vehicle type {query.kind!r}; use {', '.join(KINDS)}")
         kind = known[query.kind]
     own = default_aircraft(autopilot, kind)
     sheet = vehicle or VehicleType("", "")

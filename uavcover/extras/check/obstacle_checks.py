@@ -34,7 +34,7 @@ def fence_findings(path: FlownPath, world: World, around: Surroundings) -> list[
         depth_m, place = beyond
         lat, lon, _ = world.geodetic([*place, 0.0])
         what = f"{depth_m:.1f} m beyond the fence"
-        one = segment.found("fence", depth_m, what=what, do="move the items inside, or enlarge the fence")
+        one = segment.found("fence", depth_m, what=what, do="move the items inside the fence, or enlarge it")
         found.append(replace(one, lat_deg=lat, lon_deg=lon))
     return joined(found, lambda one: one.kind)
 
@@ -91,8 +91,12 @@ def zone_findings(path: FlownPath, world: World, around: Surroundings) -> list[C
                 worst[breach.zone] = breach.depth_m, begin + breach.at * (end - begin)
         for number, (depth_m, place) in sorted(worst.items()):
             zone = around.zones[number]
-            what = f"{depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})"
-            found.append(segment.found("no-fly", depth_m, what=what, do="fly around it").at(world.geodetic(place)))
+            what = f"{depth_m:.1f} m inside no-fly zone {zone.name} ({zone.heights_in_words()})"
+            found.append(
+                segment.found("no-fly", depth_m, what=what, do="move the path around the zone").at(
+                    world.geodetic(place)
+                )
+            )
     return joined(sorted(found, key=lambda one: one.what.split(" into ")[-1]), lambda one: one.what.split(" into ")[-1])
 
 
@@ -136,9 +140,7 @@ def with_obstacles(
     for number, one in enumerate(obstacles):
         name = one.name or str(number)
         if not one.rings_lon_lat_deg:
-            raise InputError(
-                f"--obstacles: {name}: is in metres of a scenario's local frame; use longitudes and latitudes"
-            )
+            raise InputError(f"--obstacles: {name} is in local metres; use longitudes and latitudes")
         rings = [frame.en_from_lon_lat(ring) for ring in one.rings_lon_lat_deg]
         polygon = shapely.Polygon(rings[0], rings[1:])
         if not polygon.is_valid:
@@ -161,7 +163,7 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
         clearance_m = around.obstacle_clearance_m
         side = "through" if short_m >= clearance_m else f"{clearance_m - short_m:.1f} m from"
         what = f"{side} obstacle {name}; the limit is {clearance_m:g} m"
-        do = "fly around or over it, or allow less with --obstacle-clearance"
+        do = "move the path around or over the obstacle, or reduce --obstacle-clearance"
         found.append(segment.found("obstacle", short_m, what=what, do=do).at(world.geodetic(place)))
     return joined(found, lambda one: one.what.split(" obstacle ")[-1])
 

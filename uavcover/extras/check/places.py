@@ -18,7 +18,10 @@ Heights = Callable[[FloatArray, FloatArray], FloatArray]
 Doubt = Callable[[float, float], str]
 """Reason to distrust the height at a latitude and longitude; empty if there is none."""
 
-OTHER_DATA = "use other data, or mark its missing heights (gdal_edit.py -a_nodata); if it is correct, add --trust-dem"
+OTHER_DATA = (
+    "use other elevation data, or mark its missing heights (gdal_edit.py -a_nodata); if the data is "
+    "correct, add --trust-dem"
+)
 """Remedy for heights that do not look like ground."""
 
 
@@ -55,7 +58,7 @@ def places_of(
     ground = _heights(heights, lat, lon)
     at = _home_place(mission, home, lat, lon, findings)
     if at is None:
-        what, do = "no item has a position", "use a mission with positions"
+        what, do = "no mission item has a position", "use a mission that contains waypoints"
         findings.append(CheckFinding(kind="place", weight="unknown", what=what, do=do))
         return MissionPlaces(None, frozenset(), tuple(findings))
     height = float(_heights(heights, np.array([at[0]]), np.array([at[1]]))[0])
@@ -106,20 +109,20 @@ def _home_place(
         return mission.home.lat_deg, mission.home.lon_deg
     if not len(lat):
         return None
-    what = "the mission has no home; judged as if it took off below its first position"
-    findings.append(_at("home", "look", 0, (lat[0], lon[0]), what=what, do="specify it with --home LAT,LON"))
+    what = "the mission has no home, so take-off was assumed below its first position"
+    findings.append(_at("home", "look", 0, (lat[0], lon[0]), what=what, do="specify home with --home LAT,LON"))
     return float(lat[0]), float(lon[0])
 
 
 def _home_elsewhere(at: tuple[float, float], heights: Heights, *, known: bool) -> CheckFinding:
     swapped = abs(at[1]) <= 90.0 and math.isfinite(float(_heights(heights, np.array([at[1]]), np.array([at[0]]))[0]))
     if swapped:
-        what, do = "latitude and longitude of home are swapped", "swap them"
+        what, do = "latitude and longitude of home seem to be swapped", "swap the two values"
     elif known:
-        what = "home is outside the elevation data, but the route is inside"
+        what = "home lies outside the elevation data, but the route lies inside"
         do = "specify the take-off position with --home LAT,LON"
     else:
-        what, do = "the mission is outside the elevation data", "use the elevation data of its location"
+        what, do = "the mission lies outside the elevation data", "use elevation data for its location"
     return _at("place", "breaks", 0, at, what=what, do=do)
 
 
@@ -127,7 +130,7 @@ def _compare_home(stated_m: float, at: tuple[float, float], height_m: float, fin
     if math.isfinite(stated_m) and abs(stated_m - height_m) > PATH.home_difference_m:
         what = (
             f"home is {stated_m:.0f} m above sea level in the file, but the ground there is {height_m:.0f} m; "
-            "heights above home were taken from the ground"
+            "heights above home were measured from the ground"
         )
         found = _at("home", "look", 0, at, what=what, do="compare the vertical datums, or move home")
         findings.append(replace(found, alt_amsl_m=stated_m, by=abs(stated_m - height_m), unit="m"))
@@ -146,13 +149,13 @@ def _far_items(
         swapped_m = _heights(heights, np.array([lon]), np.array([lat]))[0] if abs(lon) <= 90.0 else math.nan
         distance_m = ground_distance_m(*at, lat, lon)
         if math.isfinite(swapped_m):
-            what, do = "latitude and longitude are swapped", "swap them"
+            what, do = "latitude and longitude seem to be swapped", "swap the two values"
         elif distance_m > FAR_FROM_HOME_M:
             what, do = f"{distance_m / 1000.0:.0f} km from home", "correct its position"
         else:
             continue  # near, over unknown ground: the legs tell
         skipped.append(number)
-        found = _at("place", "breaks", number, (lat, lon), what=what, do=f"{do}; the item was ignored")
+        found = _at("place", "breaks", number, (lat, lon), what=what, do=f"{do}; this item was ignored")
         findings.append(replace(found, by=distance_m, unit="m"))
     return skipped
 
@@ -162,7 +165,7 @@ def _zeros(mission: Mission, autopilot: AutopilotName, findings: list[CheckFindi
         if item.has_position and item.lat_deg == 0.0 and item.lon_deg == 0.0 and item.command == Command.NAV_WAYPOINT:
             weight: Weight = "breaks" if autopilot == "px4" else "look"
             what = "this waypoint is at latitude 0, longitude 0"
-            what += "" if autopilot == "px4" else ": ArduPilot stays where it is"
+            what += "" if autopilot == "px4" else ": ArduPilot holds its position"
             findings.append(
                 _at("place", weight, number, (0.0, 0.0), what=what, do="specify its position, or remove it")
             )

@@ -164,7 +164,7 @@ class _Shooting:
             case _Also.TRIGGER_CONTROL:
                 self._notes["a trigger that uses the camera's own interval (DO_TRIGGER_CONTROL) is not counted"] = None
             case Command.VIDEO_START_CAPTURE:
-                self._notes["video is not counted, only photos"] = None
+                self._notes["only photos are counted, not video"] = None
             case _:
                 self._point(item)
 
@@ -288,7 +288,7 @@ class _Shooting:
         rows = np.vstack(stretch.points)
         over_ground = float(np.hypot(*np.diff(rows[:, :2], axis=0).T).sum()) if len(rows) > 1 else 0.0
         if over_ground / stretch.distance_m > PATH.most_pictures:
-            self._notes[f"more than {PATH.most_pictures} photos by distance are not counted"] = None
+            self._notes[f"more than {PATH.most_pictures} distance-triggered photos are not counted"] = None
             return
         legs, shares = picture_places(np.ascontiguousarray(rows[:, :3]), stretch.distance_m)
         taken = _between(rows, legs, shares)
@@ -303,7 +303,7 @@ class _Shooting:
         if stretch.most is not None:
             count = min(count, stretch.most)
         if count > PATH.most_pictures:
-            self._notes[f"more than {PATH.most_pictures} photos by time are not counted"] = None
+            self._notes[f"more than {PATH.most_pictures} time-triggered photos are not counted"] = None
             return
         times = rows[0, 3] + stretch.interval_s * np.arange(count)
         legs = np.clip(np.searchsorted(rows[:, 3], times, side="left") - 1, 0, max(len(rows) - 2, 0))

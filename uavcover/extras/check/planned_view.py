@@ -114,7 +114,7 @@ def _map(
         [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in parts]
     )
     if not isinstance(outline, shapely.Polygon | shapely.MultiPolygon) or outline.is_empty:
-        raise InputError("--area: the file contains no area; use polygons")
+        raise InputError("--area: the file contains no area; use a file with polygons")
     away_m = float(shapely.distance(outline, shapely.Point(0.0, 0.0)))
     if away_m > 50_000.0:
         raise InputError(f"--area: the area is {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")
@@ -197,16 +197,15 @@ def _lines(document: dict[str, Any]) -> tuple[str, ...]:
         )
     if document["ground_sample_median_m"] is not None:
         lines.append(
-            f"a point is in {document['pictures_median']:g} photos (median), {document['pictures_fewest']} at least; ground "
-            f"sample distance {100.0 * document['ground_sample_median_m']:.2f} cm (median), 95 % below "
+            f"photos of a point: {document['pictures_median']:g} (median), at least {document['pictures_fewest']}; "
+            f"ground sample distance: {100.0 * document['ground_sample_median_m']:.2f} cm (median), 95 % below "
             f"{100.0 * document['ground_sample_p95_m']:.2f} cm"
         )
     if document["overlap_fraction"] is not None:
         holds = "is achieved" if document["overlap_holds"] else "is not achieved"
         lines.append(
-            f"the overlap {holds}: {100.0 * document['overlap_fraction']:.1f} % of the area "
-            f"is in {document['pictures_asked']} photos "
-            "or more"
+            f"the required overlap {holds}: {100.0 * document['overlap_fraction']:.1f} % of the area is in "
+            f"{document['pictures_asked']} photos or more"
         )
     return (*lines, *document["notes"])
 
@@ -222,8 +221,8 @@ def _findings(
         found.append(CheckFinding(kind="pictures", weight="breaks", what=what, do=do))
     if query.coverage is not None and document["coverage_fraction"] < query.coverage:
         would = percent_beside(document["coverage_fraction"], query.coverage)
-        what = f"{would} of the area would be covered; {100.0 * query.coverage:g} % are required"
-        do = "add lines over the missing areas (see --map)"
+        what = f"{would} of the area would be covered; {100.0 * query.coverage:g} % is required"
+        do = "add swaths over the missing areas (see --map)"
         one = CheckFinding(kind="coverage", weight="breaks", what=what, do=do)
         if frame is not None and not unseen.is_empty:
             widest = max(unseen.geoms, key=lambda part: part.area).representative_point()
@@ -233,8 +232,8 @@ def _findings(
     if document["overlap_holds"] is False:
         what = (
             f"{percent_beside(document['overlap_fraction'], OVERLAP_FRACTION)} of the area is in "
-            f"{document['pictures_asked']} photos or more; {100.0 * OVERLAP_FRACTION:g} % are required for "
-            f"an overlap of {query.overlap}"
+            f"{document['pictures_asked']} photos or more; {100.0 * OVERLAP_FRACTION:g} % is required for an overlap "
+            f"of {query.overlap}"
         )
         do = "fly swaths closer together, or take photos more often"
         found.append(CheckFinding(kind="overlap", weight="breaks", what=what, do=do))

@@ -85,9 +85,7 @@ def parts_of(
         is_last = end + 1 == len(places) and rest <= room
         body = ways[places[begin] :] if is_last else ways[places[begin] : places[end] + 1]
         if len(body) > room or (end == begin and len(body) < rest):
-            raise InputError(
-                f"--max-items: {most_items} items are not enough for take-off, outbound transit, a leg and return transit"
-            )
+            raise InputError(f"--max-items: {most_items} items are too few for take-off, a leg and both transits")
         tail = [_stop(one) for one in _held((*held, *body)) if one.command in _TRIGGERS]
         home = _way_home(mission, ways[places[end]], world, limits)
         triggers = [one for one in held if one.command in _TRIGGERS]
@@ -101,9 +99,7 @@ def _refuse_what_is_not_plain(mission: Mission, aircraft: Aircraft) -> tuple[int
     """Numbers, from 0, of the first item behind the take-off and of the one at which the mission ends."""
 
     def refuse(number: int, why: str) -> InputError:
-        return InputError(
-            f"--fix: {'item ' + str(number) + ' ' if number else ''}{why}: it is not split; split it manually"
-        )
+        return InputError(f"--fix: {'item ' + str(number) + ' ' if number else ''}{why}; split the mission manually")
 
     if aircraft.has_wings:
         raise refuse(0, "each part of a fixed-wing mission needs a runway")
@@ -120,9 +116,9 @@ def _refuse_what_is_not_plain(mission: Mission, aircraft: Aircraft) -> tuple[int
                 0.0,
             )
             if number <= takeoffs[0] or not has_place or item.alt_m == 0.0:
-                raise refuse(number, "is a waypoint before the take-off, or without a position and a height of its own")
+                raise refuse(number, "is a waypoint before take-off, or has no position and height of its own")
         elif item.command not in (*_TRIGGERS, *_KEPT, *_ONCE, *_STOPS, Command.NAV_TAKEOFF, Command.NAV_DELAY):
-            raise refuse(number, f"has command {int(item.command)}")
+            raise refuse(number, f"has the unsupported command {int(item.command)}")
     if not any(item.command == Command.NAV_WAYPOINT for item in mission.items[:last]):
         raise refuse(0, "the mission has no waypoint")
     first = next(k for k, item in enumerate(mission.items) if item.command == Command.NAV_WAYPOINT)
@@ -137,7 +133,7 @@ def _refuse_another_landing(mission: Mission, world: World) -> None:
     if (landing.lat_deg, landing.lon_deg) == (0.0, 0.0):
         place = [item for item in mission.items if item.command == Command.NAV_WAYPOINT][-1]
     if math.hypot(*world.place(place.lat_deg, place.lon_deg)) > REPAIR.at_home_m:
-        raise InputError("--fix: the mission does not land at home: it is not split; split it manually")
+        raise InputError("--fix: the mission does not land at home, so uavcover cannot split it; split it manually")
 
 
 def _held(items: tuple[MissionItem, ...]) -> list[MissionItem]:
@@ -342,9 +338,9 @@ def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
     if out.suffix.lower() != wanted:
         raise InputError(f"-o: {out}: repairs of a {file.suffix} file are written as {wanted}; use this suffix")
     if out.exists() and out.samefile(file):
-        raise OutputError(f"-o: {out} is the mission itself; use another name")
+        raise OutputError(f"-o: {out} is the original mission; choose another name")
     if out.exists() and not force:
-        raise OutputError(f"{out}: this file already exists; choose another name, or use --force to replace it")
+        raise OutputError(f"{out} already exists; use --force to overwrite it, or choose another name")
     return out
 
 
@@ -362,8 +358,8 @@ def repair_mission(
     """
     wrong = next((one for one in checked.findings if one.kind == "place" and one.weight == "breaks"), None)
     if wrong is not None or checked.world is None:
-        what = "its positions are wrong" if wrong is None else wrong.what
-        raise InputError(f"--fix: {query.file}: {what}; correct that first")
+        what = "some of its positions are wrong" if wrong is None else wrong.what
+        raise InputError(f"--fix: {query.file}: {what}; correct this first")
     world = checked.world
     read = read_mission_file(query.file)
     aircraft = aircraft_of(query, read)
@@ -372,7 +368,7 @@ def repair_mission(
     most = query.most_items
     is_long = most is not None and len(mission.items) > most
     if not fixed.raised and not fixed.inserted and not is_long:
-        user.say("simple repairs would not change the mission; no file was written")
+        user.say("no simple repair applies to the mission, so no file was written")
         return ()
     if mission.home is None:
         mission = dataclasses.replace(mission, home=GeoPoint(*world.geodetic([0.0, 0.0, 0.0])))
@@ -383,12 +379,12 @@ def repair_mission(
         names = [out.with_name(numbered(out, number)) for number in range(1, len(parts) + 1)]
         there = next((name for name in names if name.exists()), None)
         if there is not None and not force:
-            raise OutputError(f"{there}: this file already exists; choose another name, or use --force to replace it")
+            raise OutputError(f"{there} already exists; use --force to overwrite it, or choose another name")
     for name, part in zip(names, parts, strict=True):
         _write(query.file, name, part)
     changes = f"{_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} inserted"
-    split = f"; {len(parts)} flights of {max(len(part.items) for part in parts)} items at most" if is_long else ""
-    user.say(f"written: {', '.join(map(str, names))}: {changes}{split}")
+    split = f"; {len(parts)} flights of at most {max(len(part.items) for part in parts)} items" if is_long else ""
+    user.say(f"wrote {', '.join(map(str, names))}: {changes}{split}")
     return tuple(names)
 
 

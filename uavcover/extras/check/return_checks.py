@@ -128,12 +128,12 @@ def _finding(
     name = _HEIGHT_NAMES.get((aircraft.autopilot, aircraft.has_wings), "RTL_RETURN_ALT")
     assumed, height = "", "use elevation data that covers the returns"
     if name in settings.assumed:
-        assumed = f"; {name} is assumed to have its default, {settings['return_height_m']:g} m"
+        assumed = f"; {name} is assumed to be at its default, {settings['return_height_m']:g} m"
     if enough_m < CHECKS.far_m:
         height = f"set {name} to {math.ceil(enough_m)} m or more, and specify it with --return-height"
     do = {
         "terrain": height,
-        "descent": "set the rally point's height, or the height at which the return ends, above the ground there",
+        "descent": "raise the rally point, or the height at which the return ends, above the ground there",
         "unknown ground": "use elevation data that covers the returns",
         "obstacle": f"set a higher {name} and specify it with --return-height, or take off elsewhere",
         "fence": "enlarge the fence, or end the mission with a return transit and disable automatic returns",
@@ -203,13 +203,11 @@ def rally_findings(
         where = (point.lat_deg, point.lon_deg, float(alt) if math.isfinite(alt) else world.home_alt_amsl_m)
         problems: list[tuple[Weight, float, str, str]] = []
         if not math.isfinite(high):
-            problems.append(("unknown", 0.0, "its height or the ground there is unknown", "specify both"))
+            problems.append(("unknown", 0.0, "its height, or the ground height there, is unknown", "specify both"))
         elif high < -CHECKS.ground_tolerance_m:
             problems.append(("breaks", -high, f"it is {-high:.0f} m below the ground", "use a height above the ground"))
         elif amsl:
-            what = (
-                f"{point.alt_m:.0f} m above home is {high:.0f} m above ground; this value is a height above sea level"
-            )
+            what = f"{point.alt_m:.0f} m above home is {high:.0f} m above ground; the value seems to be a height above sea level"
             problems.append(("breaks", high - highest, what, "specify it above home (frame 3), or in frame 0"))
         elif high > highest:
             problems.append(("breaks", high - highest, f"it is {high:.0f} m above ground", "use a lower height"))

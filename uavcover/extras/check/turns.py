@@ -40,7 +40,7 @@ def in_turns(
     """Findings of turns that break a limit where the legs beside them do not."""
     broken = {(one.kind, number) for one in legs if one.weight == "breaks" for number in range(*_reach(one))}
     return [
-        dataclasses.replace(one, what=f"in the turn there: {one.what}")
+        dataclasses.replace(one, what=f"in the turn at this item: {one.what}")
         for one in judge(turns)
         if one.weight == "breaks" and not any((one.kind, number) in broken for number in range(*_reach(one)))
     ]

@@ -161,7 +161,7 @@ def local_fence(source: FenceSource | None, world: World, autopilot: AutopilotNa
 def _valid(polygon: shapely.Polygon, number: int) -> shapely.Polygon:
     if not polygon.is_valid:
         reason = shapely.is_valid_reason(polygon).split("[")[0].strip().lower()
-        raise InputError(f"--fence: polygon {number}: it crosses or touches itself ({reason}); draw it again")
+        raise InputError(f"--fence: polygon {number} crosses or touches itself ({reason}); draw it again")
     return polygon
 
 

@@ -30,7 +30,7 @@ class ControllerOptions:
     heights: Annotated[
         str,
         typer.Option(
-            help="Reference of heights in wpml: takeoff, or ellipsoid (WGS 84, for RTK; requires a geoid grid).",
+            help="Height reference in wpml files: takeoff or ellipsoid (WGS 84, for RTK; requires a geoid grid).",
             metavar="WHAT",
         ),
     ] = "takeoff"
@@ -38,7 +38,7 @@ class ControllerOptions:
         int | None,
         typer.Option(
             "--max-waypoints-per-file",
-            help="Split the route into files with at most N waypoints. Default: 200 for wpml, 99 for litchi.",
+            help="Split the route into files of at most N waypoints. Default: 200 for wpml, 99 for litchi.",
             metavar="N",
         ),
     ] = None
@@ -54,9 +54,9 @@ class ControllerOptions:
 class PrintOptions:
     """Options of a print-out that only the pilot knows."""
 
-    pilot: Annotated[str, typer.Option(help="Name of the pilot, for print.", metavar="TEXT")] = ""
-    contact: Annotated[str, typer.Option(help="Emergency contact, for print.", metavar="TEXT")] = ""
-    weather: Annotated[str, typer.Option(help="Weather window, for print.", metavar="TEXT")] = ""
+    pilot: Annotated[str, typer.Option(help="Name of the pilot on the printed page.", metavar="TEXT")] = ""
+    contact: Annotated[str, typer.Option(help="Emergency contact on the printed page.", metavar="TEXT")] = ""
+    weather: Annotated[str, typer.Option(help="Weather window on the printed page.", metavar="TEXT")] = ""
 
     @property
     def given(self) -> dict[str, object]:
@@ -72,14 +72,19 @@ def export(
         typer.Option(
             "--format",
             help=(
-                "waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi, "
-                "or print (a page for paper)."
+                "Format: waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi "
+                "or print (an HTML page to print)."
             ),
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="Output file. Several files get a number before the suffix.", metavar="FILE"),
+        typer.Option(
+            "-o",
+            "--out",
+            help="Output file. If there are several, a number is added before the suffix.",
+            metavar="FILE",
+        ),
     ] = None,
     sortie: options.Sortie = None,
     autopilot: options.Autopilot = None,
@@ -119,7 +124,7 @@ def export(
     what = "points" if file_format in CONTROLLER_POINTS else "items"
     for file in written:
         about = f" ({file.flight.items} {what}, {file.flight.flight_time_s / 60.0:.1f} min)" if len(written) > 1 else ""
-        console.say(f"written: {file.path}{about}")
+        console.say(f"wrote {file.path}{about}")
     if file_format in CONTROLLER_POINTS:
         _say_how_it_flies(console, file_format, written)
     rows = [
@@ -139,27 +144,29 @@ def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper
 
     if request.out.suffix.lower() not in (".html", ".htm"):
         raise InputError(
-            f"-o: {request.out}: print writes an HTML page; use the suffix .html, and save it as PDF from a browser"
+            f"-o: {request.out}: the format print writes an HTML page; use the suffix .html, and save the page as "
+            "PDF from a browser"
         )
     notes = PrintNotes(pilot=paper.pilot, contact=paper.contact, weather=paper.weather)
     flights = print_plan(run, request, notes)
-    console.say(f"written: {request.out}")
+    console.say(f"wrote {request.out}")
     console.result({"file": str(request.out), "format": "print", "flights": flights})
     return 0
 
 
 def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[ExportedFile, ...]") -> None:
     """Report what a list of points cannot contain, and what the pilot has to do."""
-    console.say("heights are above the take-off position: start it on the ground at the plan's home")
-    console.say("the aircraft stops at each point; the last point is straight above home, where it lands")
+    console.say("heights are relative to the take-off position: start on the ground at the plan's home")
+    console.say("the aircraft stops at each point; it lands from the last point, straight above home")
     console.say(
-        f"the highest point is {max(file.flight.highest_m for file in written):.0f} m above home: the app must allow this height"
+        f"the highest point is {max(file.flight.highest_m for file in written):.0f} m above home; set the app's "
+        "height limit to at least this height"
     )
     if not any(file.flight.pictures for file in written):
-        console.say("the scenario has no trigger distance, so the file takes no photos: trigger the camera manually")
+        console.say("the scenario has no trigger distance, so the mission takes no photos; trigger the camera manually")
     heights_m = [file.flight.return_height_m for file in written if file.flight.return_height_m is not None]
     where = "in the file" if file_format == "wpml" else "to be set in the app"
-    console.say(f"return height, {where}: {max(heights_m):g} m above home")
+    console.say(f"return height ({where}): {max(heights_m):g} m above home")
     for line in dict.fromkeys(line for file in written for line in file.flight.warnings):
         console.warn(line)
     if file_format == "litchi":
@@ -224,17 +231,17 @@ def _aircraft(row: dict[str, Any], *, where: str) -> DjiAircraft:
 def _two(row: dict[str, Any], key: str, where: str) -> list[Any]:
     value = row[key]
     if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{where}: {key}: {value!r} is not two numbers")
+        raise InputError(f"{where}: {key}: expected two numbers, not {value!r}")
     return value
 
 
 def _whole(value: Any, key: str, where: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= 65535:
-        raise InputError(f"{where}: {key}: {value!r} is not a whole number from 0 to 65535")
+        raise InputError(f"{where}: {key}: expected a whole number from 0 to 65535, not {value!r}")
     return value
 
 
 def _number(value: Any, key: str, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{where}: {key}: {value!r} is not a number")
+        raise InputError(f"{where}: {key}: expected a number, not {value!r}")
     return float(value)

@@ -168,7 +168,7 @@ def write_exported(out: Path, contents: Mapping[str, bytes], *, force: bool, old
         if left:
             raise OutputError(
                 f"{out.parent / left[0]}: this file belongs to another export and could be mistaken for a part of "
-                f"this one ({', '.join(contents)}); remove it, or use another name"
+                f"this one ({', '.join(contents)}); delete it, or choose another name"
             )
         try:
             folder.write_together(contents)
@@ -191,13 +191,11 @@ def _check(request: ExportRequest) -> None:
     if request.file_format not in mission_formats():
         raise InputError(f"--format: {request.file_format!r} is not one of {', '.join(mission_formats())}")
     if request.file_format == "wpml" and request.aircraft is None:
-        raise InputError(
-            "--format wpml: this requires the aircraft, such as --drone dji-m3e (uavcover export --drone list shows all)"
-        )
+        raise InputError("--format wpml requires an aircraft, such as --drone dji-m3e; see export --drone list")
     if request.file_format != "wpml" and request.aircraft is not None:
         raise InputError(f"--drone: this option requires --format wpml, not {request.file_format}")
     if request.heights not in (TAKEOFF_HEIGHTS, ELLIPSOID_HEIGHTS):
-        raise InputError(f"--heights: {request.heights!r} is not known; use takeoff or ellipsoid")
+        raise InputError(f"--heights: must be takeoff or ellipsoid, not {request.heights!r}")
     if request.heights == ELLIPSOID_HEIGHTS and request.file_format != "wpml":
         raise InputError(f"--heights ellipsoid: this option requires --format wpml, not {request.file_format}")
     if request.file_format == "wpml" and request.out.suffix.lower() != ".kmz":
@@ -206,9 +204,9 @@ def _check(request: ExportRequest) -> None:
         )
     most = request.most_points
     if most is not None and most < _FEWEST_POINTS:
-        raise InputError(f"--max-waypoints-per-file: {most} is too few for a leg with its transits")
+        raise InputError(f"--max-waypoints-per-file: {most} waypoints are too few for a leg with its transits")
     if most is not None and request.file_format == "litchi" and most > MOST_WAYPOINTS:
-        raise InputError(f"--max-waypoints-per-file: the limit of Litchi is {MOST_WAYPOINTS}, not {most}")
+        raise InputError(f"--max-waypoints-per-file: Litchi supports at most {MOST_WAYPOINTS} waypoints, not {most}")
 
 
 def _flight_file(
@@ -249,7 +247,7 @@ def _absolute_heights(site: Site, flight: CameraFlight) -> AbsoluteHeights:
     if isinstance(terrain, RasterTerrain) and terrain.vertical_datum == "EGM2008":
         raise InputError(
             "--heights ellipsoid: the plan's heights are above EGM2008, but DJI's file requires heights above EGM96 "
-            "and the ellipsoid; export with --heights takeoff, or plan on a model in EGM96"
+            "and the ellipsoid; export with --heights takeoff, or plan with elevation data in EGM96"
         )
     try:
         undulation = Undulation()
@@ -305,7 +303,7 @@ def _flights_with_stops(
         if most < _FEWEST_POINTS:
             break
     raise InfeasibleError(
-        f"with a stop at each point a flight takes {times_s[worst]:.0f} s, but "
+        f"a flight that stops at each point takes {times_s[worst]:.0f} s, but "
         f"{longest_flight_in_words(site.scenario.vehicle)}; plan with fewer waypoints (--max-waypoints), or a "
         "smaller area"
     )

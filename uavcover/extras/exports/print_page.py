@@ -386,14 +386,14 @@ def _limits(site: Site, flights: Sequence[Sortie]) -> list[tuple[str, str]]:
         ("Height above ground", f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m, on the route"),
         ("Clearance on outbound and return transit", f"{limits.transit_clearance_m:g} m"),
         ("Height above sea level", " ".join(f"{word} {alt_m:g} m" for word, alt_m in sea)),
-        ("Greatest distance from home", f"{reach_m:.0f} m"),
+        ("Maximum distance from home", f"{reach_m:.0f} m"),
         ("Ground speed", f"{vehicle.cruise_speed_m_s:g} m/s"),
         ("Climb, descent", f"{vehicle.max_climb_m_s:g} m/s, {vehicle.max_descent_m_s:g} m/s"),
         ("Planned wind", f"{wind.speed_m_s:g} m/s from {wind.from_deg:g}°" if wind.speed_m_s else "none"),
-        ("Batteries last in wind of up to", f"{wind.most_m_s:g} m/s from any side" if wind.most_m_s else ""),
-        ("Largest airspeed", "" if vehicle.max_airspeed_m_s is None else f"{vehicle.max_airspeed_m_s:g} m/s"),
+        ("Batteries last in wind up to", f"{wind.most_m_s:g} m/s from any direction" if wind.most_m_s else ""),
+        ("Maximum airspeed", "" if vehicle.max_airspeed_m_s is None else f"{vehicle.max_airspeed_m_s:g} m/s"),
         ("Battery", "" if vehicle.endurance_s is None else (
-            f"{clock(vehicle.endurance_s)} min of hovering when full, {vehicle.reserve_fraction:.0%} in reserve"
+            f"{clock(vehicle.endurance_s)} min of hovering on a full battery, {vehicle.reserve_fraction:.0%} held in reserve"
         )),
         ("Active no-fly zones", ", ".join(f"{zone.name} ({zone.heights_in_words()})" for zone in site.zones)),
     ]  # fmt: skip
@@ -406,7 +406,7 @@ def _camera(site: Site) -> str:
     if not sensor.is_camera:
         return ""
     distance_m = trigger_distance_m(site.scenario)
-    pictures = "photos are not triggered by the mission" if distance_m is None else f"a photo every {distance_m:.1f} m"
+    pictures = "the mission does not trigger photos" if distance_m is None else f"a photo every {distance_m:.1f} m"
     if not sensor.looks_along_path:
         pictures = "a photo at each waypoint"
     return f"{sensor.mount}, {sensor.pitch_deg:g}° (-90° is straight down), {pictures}"

@@ -27,7 +27,7 @@ def check_on_loss(text: str) -> None:
     try:
         OnLoss(text)
     except ValueError:
-        raise InputError(f"--on-loss: {text!r} is neither share nor gaps") from None
+        raise InputError(f"--on-loss: must be share or gaps, not {text!r}") from None
 
 
 def fly_fleet(

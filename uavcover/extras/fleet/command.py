@@ -31,8 +31,8 @@ from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 
 _FIRST_STOP = (
-    "stopping: all vehicles hold their positions, then return along checked legs, one after the other; repeat to "
-    "keep all holding; a third time aborts immediately"
+    "stopping: all vehicles hold their positions, then return along checked legs, one after the other; press Ctrl-C "
+    "again to keep all of them holding, and a third time to abort immediately"
 )
 
 
@@ -117,7 +117,7 @@ def fly_fleet(
                 for line in board.lines(since_s):
                     board.say(line)
         if flight.aborted:
-            user.warn("aborted: the vehicles may be armed and in the air; take over now")
+            user.warn("aborted: the vehicles may be armed and in the air; take manual control now")
         recorded = _record(run, flight, user, command)
     gaps = _close_gaps(run, flight, user, command)
     return _result(run, flight, user, {"recording": recorded, "gaps": gaps})
@@ -133,7 +133,7 @@ def _speed(links: Sequence[VehicleLink]) -> float:
     if len(mocks) == len(links):
         return links[0].mock_speed
     if any(link.mock_speed != 1.0 for link in mocks):
-        raise InputError("--to: mock: and other vehicles can fly together only at --mock-speed 1")
+        raise InputError("--to: mock: can fly together with other vehicles only at --mock-speed 1")
     return 1.0
 
 
@@ -154,11 +154,11 @@ def _close_gaps(run: RunFolder, flight: FleetFlight, user: User, command: Sequen
     """The mission of the unobserved cells, where some are left."""
     if not flight.work.left or flight.called_off or flight.aborted:
         return None
-    user.say("planning a separate mission for the remaining route of the lost vehicle:")
+    user.say("planning a gap mission for the remaining route of the lost vehicle:")
     try:
         _, document = close_gaps(run, user, GapRequest(force=True), command=command)
     except UavcoverError as error:
-        user.warn(f"{error}; plan it with: {to_paste('gaps', run)}")
+        user.warn(f"{error}; plan the gap mission with: {to_paste('gaps', run)}")
         return None
     return document
 
@@ -211,7 +211,7 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
         times = shared_times(track)
         if times is None:
             raise InputError(
-                f"{folder.file(TRACK)}: the track has no arrival times of its positions, so {FLEET_RECORDING} is omitted"
+                f"{folder.file(TRACK)}: no {FLEET_RECORDING}, because the track lacks the arrival times of positions"
             )
         own, flown_plan = read_planned(folder)
         eyes = coverage if own.scenario.sensor == site.scenario.sensor else judging_map(own)

@@ -61,7 +61,7 @@ class FleetOrders:
 
 
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
-_IN_ORDER = "use --to in the order of the vehicles, vehicle 1 first"
+_IN_ORDER = "give the --to options in the order of the vehicles, vehicle 1 first"
 
 
 class FleetFlight:
@@ -220,7 +220,7 @@ class FleetFlight:
         except VehicleError as error:
             stands_at = whose_home(connected, sites)
             if stands_at not in (None, job.vehicle):
-                raise VehicleError(f"{error}; it is at the home of vehicle {stands_at}: {_IN_ORDER}") from error
+                raise VehicleError(f"{error}; it stands at the home of vehicle {stands_at}; {_IN_ORDER}") from error
             raise
 
     def _followed(
@@ -276,9 +276,9 @@ class FleetFlight:
                 row.does = lacks
                 if lacks_since_s is None:
                     lacks_since_s = clock.now()
-                    self.board.warn(f"vehicle {vehicle}: {lacks} for sortie {job.sortie}: change its battery")
+                    self.board.warn(f"vehicle {vehicle}: {lacks} for sortie {job.sortie}; change the battery")
                 elif clock.now() - lacks_since_s > FLEET.new_battery_s:
-                    raise VehicleError(f"{lacks} for {FLEET.new_battery_s:.0f} s; the vehicle was not armed")
+                    raise VehicleError(f"{lacks} for {FLEET.new_battery_s:.0f} s, so the vehicle was not armed")
                 return False
             if not self.traffic.start(job.name, clock.now()):
                 return False
@@ -327,7 +327,7 @@ class FleetFlight:
             before, holds = self._holds.get(vehicle, False), self._must_hold(job, vehicle, now)
             self._holds[vehicle] = holds
             if holds is not before:
-                self.board.rows[vehicle].does = "waits for another vehicle" if holds else "flies"
+                self.board.rows[vehicle].does = "waiting for another vehicle" if holds else "flies"
         return self.orders.paused() or self._holds.get(vehicle, False)
 
     def _must_hold(self, job: Job, vehicle: int, now: float) -> bool:
@@ -368,7 +368,7 @@ class FleetFlight:
         with self._lock:
             left = self.work.queues.give_up(vehicle)
             if record.began_s is None and not self.traffic.begun:
-                self.board.warn("one vehicle is not ready, so none is started")
+                self.board.warn("one vehicle is not ready, so no vehicle was started")
                 self.called_off = True
                 return
             self.work.hand_over(record, left, now)

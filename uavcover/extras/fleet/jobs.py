@@ -66,23 +66,23 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
         more = (
             "; more vehicles would not finish sooner"
             if planned_for >= vehicles > flying
-            else f", or plan it with: uavcover plan SCENARIO --vehicles {vehicles}"
+            else f", or plan again with: uavcover plan SCENARIO --vehicles {vehicles}"
         )
         raise InputError(
-            f"{run}: the plan is for {flying} vehicle{'' if flying == 1 else 's'}, but --to names {vehicles}; use "
-            f"--to {'once' if flying == 1 else f'{flying} times'}{more}"
+            f"{run}: the plan is for {flying} vehicle{'' if flying == 1 else 's'}, but --to is given {vehicles} times; "
+            f"use --to {'once' if flying == 1 else f'{flying} times'}{more}"
         )
     try:
         asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: sorties is not valid ({type(error).__name__}: {error}); create it again with: "
-            "uavcover plan"
+            f"{run.file('plan.json')}: cannot read the key sorties ({type(error).__name__}: {error}); create the "
+            "plan again with: uavcover plan"
         ) from error
     jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in asked]
     flyers, all_of_them = {job.vehicle for job in jobs}, set(range(1, vehicles + 1))
     if flyers != all_of_them and (alike or not flyers < all_of_them):
-        raise InputError(f"{run.file('plan.json')}: the vehicles of the sorties are not 1 to {vehicles}; plan again")
+        raise InputError(f"{run.file('plan.json')}: the sorties' vehicles must be 1 to {vehicles}; plan again")
     return sorted(jobs, key=lambda job: (job.planned_s, job.sortie))
 
 
@@ -156,7 +156,14 @@ def for_another(job: Job, site: Site, command: Sequence[str]) -> Job:
     if is_for(job, site):
         return job
     timeline, used = _planned_use(site, job.route)
-    save_part(job.folder, site, job.route, "taken over", command=command, scenario_sha256=scenario_of_fleet(job.folder))
+    save_part(
+        job.folder,
+        site,
+        job.route,
+        "another party took control",
+        command=command,
+        scenario_sha256=scenario_of_fleet(job.folder),
+    )
     return replace(job, site=site, timeline=timeline, battery_used=used)
 
 
@@ -167,7 +174,7 @@ def time_for(job: Job, route: Route, site: Site) -> float:
         InfeasibleError: that vehicle sees something else, a leg breaks a limit of it, or the flight takes it too long.
     """
     if job.site.scenario.sensor != site.scenario.sensor:
-        raise InfeasibleError("it is planned for a sensor that the remaining vehicles do not have")
+        raise InfeasibleError("it requires a sensor that the remaining vehicles do not have")
     return job.timeline.duration_s if is_for(job, site) else _planned_use(site, route)[0].duration_s
 
 
@@ -178,7 +185,7 @@ def require_gain(job: Job, rest: Job) -> None:
         InfeasibleError: barely less is left than the flight had to fly.
     """
     if len(rest.route) >= len(job.route) and rest.route.length_m > job.route.length_m - FLEET.least_gain_m:
-        raise InfeasibleError("a battery lasts only for the transits")
+        raise InfeasibleError("one battery is enough only for the transits")
 
 
 @dataclass(slots=True)

@@ -22,7 +22,7 @@ class FleetPhase(Enum):
 
     WAITING = "waits"
     FLYING = "flies"
-    HOLDING = "holds, on its return"
+    HOLDING = "holds during its return"
     HOMEWARD = "returns"
     DOWN = "has landed"
     LOST = "is lost"

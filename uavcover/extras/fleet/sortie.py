@@ -121,7 +121,7 @@ def require_own_mission(connected: Connected, compiled: CompiledMission, urls: S
     if fault is not None:
         raise VehicleError(
             f"system {connected.client.vehicle.system_id} at {connected.url} does not have the assigned sortie "
-            f"({fault}): --to {', '.join(sorted(urls))} may lead to the same vehicle; no vehicle was armed"
+            f"({fault}): the addresses --to {', '.join(sorted(urls))} may lead to one vehicle; no vehicle was armed"
         )
 
 
@@ -144,7 +144,7 @@ def pace_home_m_s(site: Site) -> tuple[float, float]:
 def places_m(mission: Mission, site: Site) -> FloatArray:
     """(k, 3) ENU, the positions of a mission home; at least two."""
     if site.frame is None or mission.home is None:
-        raise InputError(f"scenario {site.scenario.name} has no position on Earth")
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth; add an [origin]")
     places = [
         site.frame.enu_from_geodetic(
             item.lat_deg,
@@ -158,8 +158,8 @@ def places_m(mission: Mission, site: Site) -> FloatArray:
 
 
 _STAYS_OUT = (
-    "it gets no more sorties, because its state is unknown and its sorties are reassigned; check it, and fly the "
-    "remaining sorties at the end"
+    "it receives no more sorties, because its state is unknown and its sorties were reassigned; check the vehicle, "
+    "and fly the remaining sorties afterwards"
 )
 
 
@@ -247,7 +247,7 @@ class ReserveWatch:
             return None
         reserve = 100.0 * use.vehicle.reserve_fraction
         return (
-            f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
+            f"the battery has {percent:.0f} % left and loses {60.0 * use.each_s:.1f} % per minute: the return takes "
             f"{home_s:.0f} s and the remaining sortie {rest_s:.0f} s, which would use the reserve of {reserve:.0f} "
-            "%; it flies home, and another sortie continues here"
+            "%; the vehicle flies home, and another sortie continues here"
         )

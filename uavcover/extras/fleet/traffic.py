@@ -210,7 +210,7 @@ class Traffic:
             free = [f for f in (own, *waiting) if self._passes_holders(f, [own, *waiting])]
             moving = [f for f in others if f.phase in (FleetPhase.FLYING, FleetPhase.LOST)]
             if not free and not moving:
-                raise InfeasibleError("the returns of the holding vehicles are not separated from each other")
+                raise InfeasibleError("the returns of the holding vehicles do not keep the separation from each other")
             if own not in free or _length_m(own.way_m) > min(_length_m(f.way_m) for f in free):
                 return False
             if any(self._meets(_along_way(own), self._from_now(f, now), _way_s(own)) for f in moving):

@@ -41,8 +41,8 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
     require_at_once(fleet, run)
     if isinstance(fleet, dict) and not fleet.get("alike", True) and fleet.get("vehicles") != count:
         raise InputError(
-            f"{run}: the {fleet.get('vehicles')} vehicles differ, but --to names {count}; specify the link of each, "
-            "vehicle 1 first"
+            f"{run}: the {fleet.get('vehicles')} vehicles differ, but --to is given {count} times; specify a link for "
+            "each vehicle, vehicle 1 first"
         )
     unlike = isinstance(fleet, dict) and not fleet.get("alike", True)
     if count == len(rows) == 1 and not folders:
@@ -52,9 +52,9 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
         if isinstance(fleet, dict) and fleet.get("vehicles", 0) >= count:
             why = f"more vehicles would not finish sooner; use --to {'once' if flying == 1 else f'{flying} times'}"
         else:
-            why = f"plan it with: uavcover plan SCENARIO --vehicles {count}"
+            why = f"plan again with: uavcover plan SCENARIO --vehicles {count}"
         planned = "one vehicle" if flying <= 1 else f"{flying} vehicles"
-        raise InputError(f"{run}: the plan is for {planned}, but --to names {count}; {why}")
+        raise InputError(f"{run}: the plan is for {planned}, but --to is given {count} times; {why}")
     try:
         return tuple(
             FirstSortie(
@@ -67,7 +67,8 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
         )
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: fleet is not valid ({type(error).__name__}: {error}); create it again with: uavcover plan"
+            f"{run.file('plan.json')}: cannot read the key fleet ({type(error).__name__}: {error}); create the plan "
+            "again with: uavcover plan"
         ) from error
 
 
@@ -83,7 +84,7 @@ def links_that_fly(run: RunFolder, links: Sequence[VehicleLink], user: User) -> 
     rows = fleet.get("by_vehicle", []) if isinstance(fleet, dict) and fleet.get("alike", True) else []
     flying = len(rows) or len(links)
     if flying < len(links):
-        user.warn(f"the plan does not need {', '.join(link.url for link in links[flying:])}; nothing is uploaded there")
+        user.warn(f"the plan does not use {', '.join(link.url for link in links[flying:])}; uploading nothing there")
     return list(links[:flying])
 
 
@@ -98,9 +99,7 @@ def require_at_once(fleet: object, run: RunFolder) -> None:
         InputError: they are.
     """
     if isinstance(fleet, dict) and fleet.get("one_at_a_time", False):
-        raise InputError(
-            f"{run}: the flights are planned one at a time; use one --to, and --sortie N, in the order of the plan"
-        )
+        raise InputError(f"{run}: this plan flies one sortie at a time; use one --to, and --sortie N in this order")
 
 
 def upload_fleet(
@@ -142,7 +141,7 @@ def upload_fleet(
                 raise
             vehicles.append(vehicle)
         for sortie, vehicle, (site, planned) in zip(sorties, vehicles, plans, strict=True):
-            user.say(f"vehicle {sortie.vehicle} gets sortie {sortie.sortie}")
+            user.say(f"uploading sortie {sortie.sortie} to vehicle {sortie.vehicle}")
             try:
                 sent = send_and_compare(sortie.folder, site, planned.route, vehicle, user, in_flight=in_flight)
             except BaseException:
@@ -154,7 +153,7 @@ def upload_fleet(
                 | {"run": str(sortie.folder), **sent}
             )
     for document in documents:
-        verdict = "read back equal" if document["passed"] else "READ BACK DIFFERS"
+        verdict = "verified" if document["passed"] else "READ BACK DIFFERS"
         user.say(
             f"vehicle {document['vehicle']:<2} sortie {document['sortie']:<3} take-off at {document['takeoff_s']:.0f} s  "
             f"{document['url']}  {verdict}"

@@ -80,7 +80,7 @@ class FleetWork:
                 require_gain(job, part)
         except (UavcoverError, MissionIoError) as error:
             what = "sortie" if record is None else "the remaining part of sortie"
-            self._board.warn(f"{what} {job.sortie} remains as a gap: {error}")
+            self._board.warn(f"{what} {job.sortie} remains unflown, as a gap: {error}")
             self.left.append(job.name)
             return
         since_s = self._traffic.since_first_s(now) + ready_s - now
@@ -88,7 +88,8 @@ class FleetWork:
         self._enqueue(taken)
         what = "the remaining part of sortie" if part.is_rest else "sortie"
         self._board.say(
-            f"vehicle {vehicle} takes over {what} {part.sortie}: {len(part.route)} waypoints, at about {taken.planned_s:.0f} s"
+            f"vehicle {vehicle} flies {what} {part.sortie} instead: {len(part.route)} waypoints, starting at about "
+            f"{taken.planned_s:.0f} s"
         )
 
     def _taker(self, job: Job, route: Route, now: float) -> tuple[int, float]:
@@ -98,7 +99,7 @@ class FleetWork:
             InfeasibleError: it is too far or too long for all that are left.
         """
         found: list[tuple[float, int, float]] = []
-        refusal = InfeasibleError("no vehicle remains")
+        refusal = InfeasibleError("no vehicle is left")
         for vehicle in sorted(self.queues.vehicles):
             ready_s = self._ready_s(vehicle, now)
             try:

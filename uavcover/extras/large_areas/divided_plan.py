@@ -220,8 +220,8 @@ def parts_within(need: MemoryNeed, limit: int, *, parts: int, most_parts: int, g
     enough = next((count for count in range(parts, most + 1) if need.total(count, 1) <= limit), None)
     if enough is None:
         raise InputError(
-            f"--memory: planning {need.cells:,.0f} cells takes at least about {in_words(need.total(most, 1))}; allow "
-            "this amount, or set a larger area.cell_size_m"
+            f"--memory: planning {need.cells:,.0f} cells takes at least about {in_words(need.total(most, 1))}; raise "
+            "the limit to this amount, or set a larger area.cell_size_m"
         )
     if given:
         raise InputError(
@@ -261,10 +261,7 @@ def divided(site: Site, settings: PlannerSettings, request: SearchRequest) -> Di
         return Division(parts, threads, scheduler)
     processes = None if scheduler is None else local_count(scheduler)
     if scheduler is not None and processes is None:
-        raise InputError(
-            f"--memory: this limits only this machine; limit the workers of {scheduler} with: dask worker "
-            "--memory-limit"
-        )
+        raise InputError(f"--memory applies only here; limit workers of {scheduler} with: dask worker --memory-limit")
     need = memory_need(site, processes=scheduler is not None)
     given = request.parts not in (None, "auto")
     within = parts_within(need, request.memory_bytes, parts=parts, most_parts=most_parts(site), given=given)

@@ -220,7 +220,7 @@ def require_parts(settings: PlannerSettings, site: Site) -> None:
     """Refuse what parts cannot be planned for. Raises InputError: says what, and what to do."""
     what = None
     if settings.encoding != "swaths" or not site.scenario.sensor.looks_along_path:
-        what = 'a sensor that looks along the path and encoding = "swaths"'
+        what = 'a sensor with sensing = "along-path" and encoding = "swaths"'
     elif settings.algorithm not in ("memetic", "local-search"):
         what = 'algorithm = "memetic" or "local-search"'
     elif settings.max_waypoints is not None:

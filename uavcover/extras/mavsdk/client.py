@@ -61,7 +61,7 @@ class _Terms:
     advice: str
 
 
-_UPLOAD = _Terms("upload", "unknown", "; download shows its current content")
+_UPLOAD = _Terms("upload", "unknown", "; use uavcover download to see its current content")
 _DOWNLOAD = _Terms("download", "unchanged", "")
 
 
@@ -221,7 +221,7 @@ class MavsdkClient(Client):
 
     def _command(self, command: int, params: tuple[float, ...], timeout_s: float, hear: Heard) -> m.CommandAck:
         if len(params) > 7:
-            raise MisuseError(f"command {commands.name_of(command)} with {len(params)} parameters; a command has seven")
+            raise MisuseError(f"command {commands.name_of(command)}: expected seven parameters, not {len(params)}")
         seven = (*params, *(0.0,) * (7 - len(params)))
         deadline = self.clock.now() + timeout_s
         while self.clock.now() < deadline:
@@ -229,14 +229,13 @@ class MavsdkClient(Client):
             if answer is None or answer.result == "TIMEOUT":
                 continue
             if answer.result != "SUCCESS":
-                raise MisuseError(f"MAVSDK does not send {commands.name_of(command)}: {answer.result}")
+                raise MisuseError(f"MAVSDK did not send {commands.name_of(command)}: {answer.result}")
             ack = m.CommandAck(command, answer.content, target_system=self.local.system_id)
             if ack.result != CommandResult.ACCEPTED:
                 raise commands.refusal(self.vehicle.system_id, ack)
             return ack
         raise VehicleSilentError(
-            f"vehicle {self.vehicle.system_id} did not send an answer to command {commands.name_of(command)} "
-            f"within {timeout_s:g} s"
+            f"vehicle {self.vehicle.system_id} did not answer {commands.name_of(command)} within {timeout_s:g} s"
         )
 
     def _transfer(

@@ -124,7 +124,7 @@ class MavsdkSession:
         result = self._mavsdk.add_any_connection("raw://")
         if result != mavsdk.ConnectionResult.SUCCESS:
             self._mavsdk.destroy()
-            raise VehicleError(f"MAVSDK does not start: {result.name}")
+            raise VehicleError(f"MAVSDK could not start the mission: {result.name}")
         self._mavsdk.subscribe_raw_bytes_to_be_sent(self._outgoing.put)
         self._raw: Any = None
         self._direct: Any = None
@@ -200,7 +200,7 @@ class MavsdkSession:
             MisuseError: a parameter that is not finite; MAVSDK takes messages as JSON, which has no such numbers.
         """
         if not all(math.isfinite(value) for value in params):
-            raise MisuseError(f"command {command}: MAVSDK cannot send a parameter that is not finite: {tuple(params)}")
+            raise MisuseError(f"command {command}: MAVSDK can send only finite parameters: {tuple(params)}")
         fields = {
             "target_system": self._vehicle.system_id, "target_component": self._vehicle.component_id,
             "command": command, "confirmation": 0,

@@ -104,9 +104,7 @@ def verify_evidence(
     asked = replace(request, photos=evidence.photos, area=None, scenario=run.path, refly=False, force=True)
     verdict, document = judge_photos(asked, RunFolder(run.file(PHOTOS)), user, command=command)
     if not evidence.logs and not was_flown(run):
-        user.warn(
-            "there is no track of the flight: only the coverage by photos is judged, not heights, limits and no-fly zones"
-        )
+        user.warn("without a track, only the photo coverage is judged, not heights, limits or no-fly zones")
         return document
     pictures = JudgedPictures(evidence_for_flight(verdict), document)
     _, whole = verify_run(
@@ -119,19 +117,19 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
     """Findings of a verdict on photos for the flight that took them."""
     document, shown = verdict.document, verdict.shown
     found = (
-        f"coverage by the photos alone is {percent(document['coverage_of_coverable'])} of the visible ground, surely "
-        f"{percent(document['surely'])}, "
-        f"possibly {percent(document['possibly'])}; required {percent(document['required'])}"
+        f"coverage of the visible ground by photos: {percent(document['coverage_of_coverable'])} (certain: "
+        f"{percent(document['surely'])}; possible: {percent(document['possibly'])}); required: "
+        f"{percent(document['required'])}"
     )
     texts: dict[Requirement, str] = {
         "coverage": found,
         "overlap": f"the required overlap, {document['pictures_asked']} photos of every point, is achieved on "
-        f"{percent(document['overlap_fraction'] or 0.0)} of the area, below the required "
+        f"{percent(document['overlap_fraction'] or 0.0)} of the area, which is below the required "
         f"{percent(document['overlap_required'] or 0.0)}",
     }
     if (searched := document["detection"]) is not None:
         texts["detection"] = (
-            f"the probability of detection is {percent(searched['pod'])} over the area, below the required "
+            f"the probability of detection is {percent(searched['pod'])} over the area, which is below the required "
             f"{percent(searched['asked'] or 0.0)}"
         )
     missed = [
@@ -140,7 +138,7 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
         if finding.effect != "noted"
     ]
     counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, document["counted"], shown.looks)
-    finding = f"coverage is that of {document['counted']} photos, not the coverage expected from the track"
+    finding = f"coverage was computed from {document['counted']} photos, not from the track"
     return PictureEvidence(shown.coverage, counts, (*missed, noted(finding)))
 
 
@@ -167,7 +165,8 @@ def run_of_flight(
     """
     if out.file("plan.json").exists():
         raise InputError(
-            f"{out}: this is the folder of a plan; use another one with -o, or verify its flight: {to_paste('verify', out)}"
+            f"{out}: this folder contains a plan; specify another folder with -o, or verify the flight of this plan: "
+            f"{to_paste('verify', out)}"
         )
     for log in evidence.logs:
         if not log.is_file():
@@ -190,13 +189,13 @@ def run_of_flight(
             raise InputError(
                 f"{evidence.logs[0]}: the flight is outside the elevation data, "
                 f"{_away_km(evidence.logs[0], site, evidence.system):.0f} km from the area; are latitude and "
-                "longitude swapped, or is it another area?"
+                "longitude swapped, or does the log belong to another area?"
             )
         flying: FloatArray = heights[heights > _IN_FLIGHT_M]
         if not flying.size:
             raise InputError(
                 f"{evidence.logs[0]}: the flight is never more than {_IN_FLIGHT_M:g} m above the ground of the "
-                "elevation data: the vehicle did not fly, or its heights have a different datum"
+                "elevation data: the vehicle did not fly, or its heights refer to a different datum"
             )
         return flying
 
@@ -232,9 +231,9 @@ def run_of_flight(
         out.write_text("scenario.toml", text)
         _record(out, evidence.logs, command)
     if area.overlap is not None and not overlaps:
-        user.warn(f"--overlap is not judged: {evidence.logs[0].name} records no photos, and --photos is missing")
+        user.warn(f"--overlap cannot be judged: {evidence.logs[0].name} records no photos; add --photos")
     untold = [name for name, given in (("--max-height", area.max_height), ("--no-fly", area.no_fly)) if not given]
-    user.say(f"{'scenario':18}{out.file('scenario.toml')}; no plan or fence is known, so neither is judged")
+    user.say(f"{'scenario':18}{out.file('scenario.toml')}; no plan or fence is known, so these are not judged")
     if untold:
         user.say(f"{'':18}not judged, because not specified: {', '.join(untold)}")
     return replace(evidence, photos=photos)

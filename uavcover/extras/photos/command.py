@@ -33,11 +33,12 @@ def judge_photos(
     search: SearchOptions,
     coverage: Annotated[
         float | None,
-        typer.Option(help="Required coverage of the visible ground. Default: that of the scenario, or 0.98."),
+        typer.Option(help="Required coverage of the visible ground. Default: the scenario's value, or 0.98."),
     ] = None,
     refly: Annotated[bool, typer.Option("--refly/--no-refly", help="Plan a flight for the missing photos.")] = True,
     budget: Annotated[
-        str | None, typer.Option(help="Time limit for planning this flight, such as 30s.", metavar="TIME")
+        str | None,
+        typer.Option(help="Time limit for planning the flight for missing photos, such as 30s.", metavar="TIME"),
     ] = "20s",
     page: Annotated[
         Path | None,

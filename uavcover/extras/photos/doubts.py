@@ -118,8 +118,8 @@ def height_doubts(
     under = int((above_m <= 0.0).sum())
     if under:
         doubts.append(
-            f"{under} of {above_m.size} photos are below the ground (lowest {np.nanmin(above_m):.0f} m): their "
-            "heights do not match the elevation data; use heights above take-off with --takeoff LAT,LON"
+            f"{under} of {above_m.size} photos are below ground (lowest: {np.nanmin(above_m):.0f} m): their heights "
+            "do not match the elevation data; use heights above take-off with --takeoff LAT,LON"
         )
     outside = int(np.isnan(above_m).sum())
     if outside:
@@ -130,24 +130,24 @@ def height_doubts(
     low_m, middle_m, high_m = (float(value) for value in np.percentile(takeoff_m, (5.0, 50.0, 95.0)))
     if high_m - low_m > error_m:
         doubts.append(
-            f"heights above sea level and those above take-off drift apart by {high_m - low_m:.0f} m during the "
-            "flight: one of the two is wrong by this amount, or the photos are from several take-offs"
+            "during the flight, heights above sea level and heights above take-off drift apart by "
+            f"{high_m - low_m:.0f} m: one of them is wrong, or the photos are from several flights"
         )
     elif ground_m is not None:
         off_m = middle_m - ground_m
         if abs(off_m) > error_m:
             doubts.append(
                 f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} "
-                "the ground at --takeoff: they are wrong by this amount (a receiver's error, or a different datum), "
-                "or the position is wrong; heights above take-off are used"
+                "the ground at --takeoff: the heights are wrong by this amount (receiver error, or a different "
+                "datum), or the position is wrong; uavcover uses heights above take-off"
             )
     elif home_en_m is not None and math.isfinite(home_m := _alt_amsl_m(home_en_m, ground, frame)):
         off_m = middle_m - home_m
         if abs(off_m) > error_m:
             doubts.append(
                 f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} "
-                "the ground at the scenario's home: they are wrong by this amount (a receiver's error, or a "
-                "different datum), or the flight began elsewhere; --takeoff LAT,LON selects the heights above "
+                "the ground at the scenario's home: the heights are wrong by this amount (receiver error, or a "
+                "different datum), or the flight began elsewhere; use --takeoff LAT,LON to select heights above "
                 "take-off instead"
             )
     else:
@@ -197,9 +197,9 @@ def _no_ground_there(
         return []
     return [
         f"heights above sea level put the take-off at {takeoff_m:.0f} m, but the ground within {_AROUND_M:g} m of "
-        f"the photos lies between {lowest_m:.0f} and {highest_m:.0f} m: they are at least {off_m:.0f} m too "
-        f"{'high' if takeoff_m > highest_m else 'low'} (a receiver's error, or a different datum); --takeoff LAT,LON "
-        "selects the heights above take-off instead"
+        f"the photos lies between {lowest_m:.0f} and {highest_m:.0f} m: the heights are at least {off_m:.0f} m too "
+        f"{'high' if takeoff_m > highest_m else 'low'} (receiver error, or a different datum); use --takeoff LAT,LON "
+        "to select heights above take-off instead"
     ]
 
 
@@ -210,7 +210,7 @@ def direction_doubts(placed: PlacedPictures) -> list[str]:
     if up.any():
         names = [picture.name for picture, looks in zip(placed.pictures, up, strict=True) if looks]
         doubts.append(
-            f"{len(names)} of {len(up)} cameras look at the horizon or above it, first {names[0]}: their angles have "
+            f"{len(names)} of {len(up)} photos (first: {names[0]}) point at the horizon or above: their angles have "
             "a different reference, or the gimbal did not point down"
         )
     course = courses_deg(placed.eyes_m)
@@ -222,7 +222,7 @@ def direction_doubts(placed: PlacedPictures) -> list[str]:
     off = np.abs((yaw - course + 90.0) % 180.0 - 90.0)[is_judged]
     if off.size >= _FEW and np.median(off) > _TURNED_DEG:
         doubts.append(
-            f"the tops of the photos differ by {np.median(off):.0f} degrees (median) from the flight direction: the "
-            "camera was turned, or their yaw is not the camera's"
+            f"the yaw of the photos differs by {np.median(off):.0f} degrees (median) from the flight direction: the "
+            "camera was turned, or the yaw is not the camera's"
         )
     return doubts

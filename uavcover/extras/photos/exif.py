@@ -21,7 +21,7 @@ from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, fini
 ENDINGS = (".jpg", ".jpeg", ".tif", ".tiff", ".dng")
 _JPEG = (".jpg", ".jpeg")
 _TAIL, _LONG_TAIL = 65_536, 16_000_000
-_CUT_OFF = "the file is truncated; copy it from the card again"
+_CUT_OFF = "the file is truncated; copy it again from the memory card"
 _CAPTURE_IDS = ("CaptureUUID", "CaptureId", "CaptureID", "CaptureGUID")
 """Tags that identify one exposure of a multispectral camera or a rig: DJI, Parrot and MicaSense."""
 _OFF_NADIR_NAMES = {"Camera:Pitch", "Camera:Roll", "Camera:Yaw"}
@@ -42,7 +42,7 @@ def read_picture(path: Path) -> Picture:
     except (UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise TrackError(f"{path}: the photo cannot be read ({error})") from error
     except (OSError, ValueError, SyntaxError, TypeError, KeyError, ZeroDivisionError) as error:
-        raise TrackError(f"{path}: its metadata is damaged ({type(error).__name__}: {error})") from error
+        raise TrackError(f"{path}: the metadata is damaged ({type(error).__name__}: {error})") from error
     tags = _xmp(xmp)
     yaw, pitch, roll = _angles(tags)
     alt_m, datum = _height(gps, tags)

@@ -43,7 +43,7 @@ def judge_photos(
         InputError: an area, a photo, a list or an option cannot be used.
     """
     if request.coverage is not None and not 0.0 < request.coverage <= 1.0:
-        raise InputError(f"--coverage: {request.coverage:g} must be above 0 and at most 1")
+        raise InputError(f"--coverage: must be above 0 and at most 1, not {request.coverage:g}")
     with user.progress("reading photos") as bar:
         found = read_pictures(request.photos, progress=bar.count)
     for note in found.notes:
@@ -64,7 +64,7 @@ def judge_photos(
     document = verdict.document | {"files": [str(out.file(name)) for name in FILES], "refly": None}
     if request.refly and verdict.lacking.any():
         document["refly"] = _refly(verdict, out, request, user, command=command)
-    user.say(f"written: {', '.join(str(out.file(name)) for name in FILES)}")
+    user.say(f"wrote {', '.join(str(out.file(name)) for name in FILES)}")
     return verdict, document
 
 
@@ -90,7 +90,7 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
         frame_camera(site.scenario.sensor, source=str(path))
         return site, dump_scenario(site.scenario)
     if request.area is None:
-        raise InputError("judge-photos: specify --area with --dem, or --scenario with the survey's file or run folder")
+        raise InputError("judge-photos: specify --area with --dem, or --scenario with a scenario file or run folder")
 
     def height_agl_m(site: Site) -> float:
         placed = placed_in(request, found, site, frame_of(site))
@@ -122,7 +122,7 @@ def _refly(
             check_site=lambda _: None,
         )
     except InfeasibleError as error:
-        user.warn(f"no flight for the missing photos: {error}")
+        user.warn(f"cannot plan a flight for the missing photos: {error}")
         return None
     return {"missing_m2": missing_m2, **outcome.document}
 
@@ -146,7 +146,7 @@ def missing_site(verdict: PhotoVerdict) -> Site:
         cell_size_m=own.cell_size_m, fewest_places=own.fewest_places, polygons_lon_lat_deg=parts, margin_m=own.margin_m
     )
     name = f"{site.scenario.name}-missing"
-    return load_site(replace(site.scenario, name=name, description="gaps of the photos", area=area))
+    return load_site(replace(site.scenario, name=name, description="gaps in the photos", area=area))
 
 
 def _say(verdict: PhotoVerdict, user: User) -> None:
@@ -159,17 +159,17 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
             f"{'looks':18}{document['looks']}: photos of one capture, or from one position in a similar direction, are one look"
         )
     for name, why in list(verdict.placed.left_out.items())[:_SHOWN_NAMES]:
-        user.warn(f"{name}: {why}; it does not count")
+        user.warn(f"{name}: {why}; this photo is not counted")
     if len(verdict.placed.left_out) > _SHOWN_NAMES:
-        user.warn(f"and {len(verdict.placed.left_out) - _SHOWN_NAMES} more do not count: pictures.csv has the reasons")
+        user.warn(f"{len(verdict.placed.left_out) - _SHOWN_NAMES} more photos are not counted; see pictures.csv")
     heights = document["height_agl_m"]
     user.say(
         f"{'height':18}{heights['lowest']:.0f} to {heights['highest']:.0f} m above ground, {heights['median']:.0f} m (median)"
     )
     user.say(
-        f"{'shown':18}{percent(document['coverage_of_coverable'])} of the visible ground; "
-        f"surely {percent(document['surely'])}, possibly "
-        f"{percent(document['possibly'])}; required {percent(document['required'])}: {document['coverage_holds']}"
+        f"{'shown':18}{percent(document['coverage_of_coverable'])} of the visible ground (certain: "
+        f"{percent(document['surely'])}; possible: {percent(document['possibly'])}); required: "
+        f"{percent(document['required'])}; {document['coverage_holds']}"
     )
     if document["pictures_asked"] is not None:
         rule = overlap_rule(verdict.site.scenario.sensor)
@@ -179,7 +179,7 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
             f"{'met' if document['overlap_holds'] else 'NOT MET'}" + ("" if rule is None else f" ({rule})")
         )
     user.say(
-        f"{'a point':18}is in {document['pictures_median']:g} photos from {document['directions_median']:g} "
+        f"{'a point':18}appears in {document['pictures_median']:g} photos from {document['directions_median']:g} "
         f"direction{'' if document['directions_median'] == 1 else 's'} (median)"
     )
     if document["detection"] is not None:
@@ -198,15 +198,15 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
     if document["max_blur_px"] is not None:
         too_blurred = sum(why.startswith("blurred by") for why in verdict.placed.left_out.values())
         user.say(
-            f"{'blur limit':18}{document['max_blur_px']:g} pixels: {too_blurred} photos are above it, "
-            f"{document['blur_not_known']} have no known blur"
+            f"{'blur limit':18}{document['max_blur_px']:g} pixels: {too_blurred} photos exceed it; the blur of "
+            f"{document['blur_not_known']} is unknown"
         )
     if document["missing_photos"]:
         longest = max(document["missing_photos"], key=lambda stretch: stretch["length_m"])
         user.say(
             f"{'missing photos':18}{sum(stretch['photos'] for stretch in document['missing_photos'])} on "
-            f"{len(document['missing_photos'])} stretches; the longest is {longest['length_m']:.0f} m (usual: "
-            f"{longest['usual_m']:.0f} m), from {longest['after']} to {longest['before']}"
+            f"{len(document['missing_photos'])} stretches; the longest is {longest['length_m']:.0f} m (usual "
+            f"distance: {longest['usual_m']:.0f} m), from {longest['after']} to {longest['before']}"
         )
     areas: Counter[str] = Counter()
     for gap in document["gaps"]:
@@ -224,9 +224,9 @@ def _detection_lines(document: dict[str, Any]) -> list[str]:
         words = f"; required {percent(asked)}: {'met' if document['holds'] else 'NOT MET'}"
     lines = [
         f"{'detection':18}{percent(document['pod'])} over the area ({document['title']}){words}",
-        f"{'':18}best photo alone {percent(document['pod_best_look'])}, all photos independent "
+        f"{'':18}with only the best photo: {percent(document['pod_best_look'])}; with all photos as independent: "
         f"{percent(document['pod_every_picture'])}",
-        f"{'':18}on 5 % of the area {percent(shares['5'])} or less, on half of the area {percent(shares['50'])} or less",
+        f"{'':18}{percent(shares['5'])} or less on 5 % of the area, {percent(shares['50'])} or less on half of it",
     ]
     if asked is not None:
         lines.append(f"{'':18}{document['area_below_m2']:.0f} square metres below {percent(asked)}")

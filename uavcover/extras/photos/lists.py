@@ -34,19 +34,17 @@ def read_geo_txt(path: Path) -> list[Picture]:
     """
     lines = [(number, line.split()) for number, line in enumerate(_text(path).splitlines(), start=1) if line.strip()]
     if not lines:
-        raise TrackError(f"{path}: the file is empty; the first line names the projection, such as EPSG:4326")
+        raise TrackError(f"{path}: the file is empty; the first line must name the projection, such as EPSG:4326")
     head = " ".join(lines[0][1])
     crs = _projection(head, path)
     if not (crs.is_geographic or crs.is_projected):
-        raise TrackError(
-            f"{path}: line 1: {head[:60]!r} has no map coordinates; specify a projection such as EPSG:4326"
-        )
+        raise TrackError(f"{path}: line 1: {head[:60]!r} is not a map projection; use one such as EPSG:4326")
     to_degrees = None if crs.is_geographic else Transformer.from_crs(crs, _DEGREES, always_xy=True)
     pictures = []
     for number, words in lines[1:]:
         values = [finite(word) for word in words[1:9]]
         if len(values) < 2 or values[0] is None or values[1] is None:
-            raise TrackError(f"{path}: line {number}: {' '.join(words)[:80]!r} is not a name, x and y")
+            raise TrackError(f"{path}: line {number}: expected a name, x and y, not {' '.join(words)[:80]!r}")
         lon, lat = (values[0], values[1]) if to_degrees is None else to_degrees.transform(values[0], values[1])
         values += [None] * (8 - len(values))
         pictures.append(
@@ -75,11 +73,9 @@ def read_images_json(path: Path) -> list[Picture]:
     try:
         rows = json.loads(_text(path))
     except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
-        raise TrackError(f"{path}: the file is not JSON ({str(error)[:100]})") from error
+        raise TrackError(f"{path}: the file is not valid JSON ({str(error)[:100]})") from error
     if not isinstance(rows, list) or not all(isinstance(row, dict) and "filename" in row for row in rows):
-        raise TrackError(
-            f"{path}: the file is not an ODM list of photos: rows with filename, latitude, longitude, altitude"
-        )
+        raise TrackError(f"{path}: not an ODM list of photos (filename, latitude, longitude, altitude)")
     pictures = []
     for row in rows:
         off_nadir = finite(row.get("pitch"))
@@ -203,7 +199,7 @@ def read_table(path: Path) -> list[Picture]:
     except FormatError as error:
         raise TrackError(f"{path}: {error}") from error
     if not rows:
-        raise TrackError(f"{path}: the file is empty; the first row names the columns")
+        raise TrackError(f"{path}: the file is empty; the first row must name the columns")
     # ExifTool puts groups before names, as in "XMP:GimbalYawDegree".
     heads = [re.sub(r"[^a-z0-9]", "", head.rpartition(":")[2].casefold()) for head in rows[0][1]]
 
@@ -220,8 +216,8 @@ def read_table(path: Path) -> list[Picture]:
         lacking.append("alt_m")
     if lacking:
         raise TrackError(
-            f"{path}: the file has no column for {', '.join(lacking)}; its columns are "
-            f"{', '.join(rows[0][1])[:100]}; use names such as name, latitude, longitude, altitude, yaw, pitch, roll"
+            f"{path}: the file has no column for {', '.join(lacking)}; its columns are {', '.join(rows[0][1])[:100]}; "
+            "use columns such as name, latitude, longitude, altitude, yaw, pitch, roll"
         )
     references, texts = columns(_REFERENCES), columns(_TEXTS)
     return [
@@ -293,7 +289,7 @@ def _degrees(cell: str, hemispheres: str) -> float | None:
 
 def _text(path: Path) -> str:
     if path.stat().st_size > _LARGEST:
-        raise TrackError(f"{path}: {path.stat().st_size} bytes are too many for a list of photos")
+        raise TrackError(f"{path}: the file is too large for a list of photos ({path.stat().st_size} bytes)")
     try:
         return text_from_bytes(path.read_bytes()).text
     except FormatError as error:

@@ -73,7 +73,7 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
         place = frame.enu_from_geodetic(lat, lon, 0.0)
         ground_m = float(site.ground.heights_m(place[:, :2])[0])
         if not math.isfinite(ground_m):
-            raise InputError(f"--takeoff: {lat:g}, {lon:g} is outside the elevation data; latitude first")
+            raise InputError(f"--takeoff: {lat:g}, {lon:g} is outside the elevation data; write latitude first")
         place[0, 2] = ground_m
         _, _, alt = frame.geodetic_from_enu(place)
         assumed = replace(assumed, takeoff_alt_amsl_m=float(alt[0]))
@@ -85,15 +85,15 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
     if not same:
         name, why = next(iter(others.items()))
         raise InputError(
-            f"no photo was taken with the camera; {name}: {why}; use another --camera, or omit it to derive the "
-            "camera from the photos"
+            f"no photo was taken with this camera ({name}: {why}); specify another --camera, or omit it to derive "
+            "the camera from the photos"
         )
     placed = place_pictures(same, frame, assumed)
     if np.isnan(site.ground.heights_agl_m(placed.eyes_m)).all():
         away = shapely.distance(site.area, shapely.points(placed.eyes_m[:, :2])) / 1000.0
         raise InputError(
-            f"all {len(placed.pictures)} photos were taken outside the elevation data, {float(away.min()):.0f} km or more from "
-            "the area; are latitude and longitude swapped, or is it another area?"
+            f"all {len(placed.pictures)} photos were taken outside the elevation data, {float(away.min()):.0f} km or "
+            "more from the area; are latitude and longitude swapped, or do the photos belong to another area?"
         )
     return replace(placed, left_out=others | placed.left_out)
 
@@ -109,17 +109,16 @@ def _of_other_cameras(pictures: Sequence[Picture], sensor: FrameCamera) -> dict[
             long, short = picture.pixels
             if sensor.pixels_across is not None and long != sensor.pixels_across:
                 found[picture.name] = (
-                    f"{long} x {short} pixels: the photo is from a different camera than that with {sensor.pixels_across} across"
+                    f"{long} x {short} pixels: the photo is from a different camera; the specified one has "
+                    f"{sensor.pixels_across} pixels across"
                 )
             elif not abs(long / max(short, 1) / shape - 1.0) <= _SAME_SHAPE:
-                found[picture.name] = (
-                    f"{long} x {short} pixels: the photo is cropped; the aspect ratio of the camera is {shape:.2f} to 1"
-                )
+                found[picture.name] = f"{long} x {short} pixels: the photo is cropped (camera: {shape:.2f} to 1)"
         lens_mm = picture.focal_length_35mm
         if lens_mm is not None and not abs(lens_mm / film_mm - 1.0) <= LENS_DIFFERS:
             found.setdefault(
                 picture.name,
-                f"has the field of view of {lens_mm:.0f} mm on 35 mm film, but the camera has that of {film_mm:.0f} "
+                f"its focal length corresponds to {lens_mm:.0f} mm on 35 mm film, but the camera's to {film_mm:.0f} "
                 "mm: the lens or zoom differs",
             )
     return found
@@ -143,13 +142,13 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     sensor = frame_camera(site.scenario.sensor, source=f"scenario {site.scenario.name}")
     if request.detection is not None and sensor.pixels_across is None:
         raise InputError(
-            "--detection: the scenario's sensor has no pixels_across, so the resolution of photos is unknown; add it"
+            "--detection: the scenario's sensor has no pixels_across, so the resolution of the photos is unknown; add this key"
         )
     seeing = _whole(request, site, sensor, placed)
     coverage = judging_map(replace(site, scenario=replace(site.scenario, sensor=seeing)))
     blur = blur_px(placed, sensor, heights_m)
     blurred, unknown = _too_blurred(request, placed, blur)
-    with user.progress("counting photos of each cell"):
+    with user.progress("counting the photos of each cell"):
         verdict = _counted(request, coverage, site, placed, blur, blurred | unknown)
     missing = {"missing_photos": [asdict(stretch) for stretch in missing_stretches(placed)]}
     document = _document(request, found, verdict, heights_m, len(unknown)) | missing
@@ -195,10 +194,10 @@ def _too_blurred(
     limit = request.max_blur_px
     if limit is None:
         return {}, {}
-    unknown = f"its blur is unknown (no exposure time, or no speed), but --max-blur requires at most {limit:g} pixels"
+    unknown = f"the blur is unknown (no exposure time, or no speed), but --max-blur allows at most {limit:g} pixels"
     return (
         {
-            p.name: f"blurred by {b:.2f} pixels, above {limit:g}"
+            p.name: f"blurred by {b:.2f} pixels; --max-blur allows at most {limit:g}"
             for p, b in zip(placed.pictures, blur, strict=True)
             if b > limit
         },

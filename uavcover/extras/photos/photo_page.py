@@ -50,11 +50,11 @@ def check_geopackage(path: Path, *, force: bool) -> None:
         import pyogrio  # noqa: F401
     except ImportError as error:
         raise InputError(
-            f"--gpkg: {path}: GeoPackages need the extra gis (pip install 'uavcover[gis]'); footprints.geojson, gaps.geojson and "
-            "pictures.csv contain the same data"
+            f"--gpkg: {path}: GeoPackages require the extra gis (pip install 'uavcover[gis]'); footprints.geojson, "
+            "gaps.geojson and pictures.csv contain the same data"
         ) from error
     if path.exists() and not force:
-        raise OutputError(f"{path}: this file would be overwritten; use --force, or another name")
+        raise OutputError(f"{path} already exists; use --force to overwrite it, or choose another name")
 
 
 def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bool) -> None:
@@ -69,7 +69,7 @@ def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bo
     import pyogrio.errors
 
     if not path.parent.is_dir():
-        raise OutputError(f"{path}: the file cannot be written: no such folder")
+        raise OutputError(f"{path}: cannot write the file: no such folder")
     handle, name = tempfile.mkstemp(suffix=".gpkg", prefix=f".{path.stem}-", dir=path.parent)
     os.close(handle)
     part = Path(name)
@@ -89,7 +89,7 @@ def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bo
         raise OutputError(f"{path}: the file cannot be written: {' '.join(str(error).split())}") from error
     finally:
         part.unlink(missing_ok=True)
-    user.say(f"written: {path} ({', '.join(LAYERS)})")
+    user.say(f"wrote {path} ({', '.join(LAYERS)})")
 
 
 Layer = tuple[Sequence[shapely.Geometry], Mapping[str, NDArray[Any]]]
@@ -154,7 +154,7 @@ def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
     document = verdict.document
     asked, found = f"at least {percent(document['required'])}", percent(document["surely"])
     found += f"; possibly {percent(document['possibly'])}"
-    rows = [("Sure coverage of visible ground", asked, found, _HOLDS[document["coverage_holds"]])]
+    rows = [("Certain coverage of visible ground", asked, found, _HOLDS[document["coverage_holds"]])]
     if document["pictures_asked"] is not None:
         rule = overlap_rule(verdict.site.scenario.sensor)
         name = f"Area in at least {document['pictures_asked']} photos" + ("" if rule is None else f" ({rule})")
@@ -162,9 +162,12 @@ def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
         rows.append((name, asked, found, "yes" if document["overlap_holds"] else "NO"))
     searched = document["detection"]
     if searched is not None:
-        name = f"Probability of detection, mean of the area ({searched['title']})"
+        name = f"Probability of detection, mean over the area ({searched['title']})"
         asked = "" if searched["asked"] is None else f"at least {percent(searched['asked'])}"
-        found = f"{percent(searched['pod'])}; best photo alone {percent(searched['pod_best_look'])}, all photos "
+        found = (
+            f"{percent(searched['pod'])}; with only the best photo {percent(searched['pod_best_look'])}, with "
+            "all photos as independent "
+        )
         found += f"independent {percent(searched['pod_every_picture'])}"
         rows.append((name, asked, found, {None: "not required", True: "yes", False: "NO"}[searched["holds"]]))
     return [dict(zip(("name", "asked", "found", "holds"), row, strict=True)) for row in rows]
@@ -176,7 +179,7 @@ def save_photo_report(verdict: PhotoVerdict, path: Path, user: User, *, force: b
     with user.progress("reporting"):
         text = render_photo_report(verdict)
     write_text(path, text)
-    user.say(f"written: {path} ({len(text.encode()) / 1e6:.1f} MB)")
+    user.say(f"wrote {path} ({len(text.encode()) / 1e6:.1f} MB)")
 
 
 def refuse_to_replace(path: Path, *, force: bool) -> None:
@@ -186,7 +189,7 @@ def refuse_to_replace(path: Path, *, force: bool) -> None:
         OutputError: it is there already and ``force`` was not said.
     """
     if path.exists() and not force:
-        raise OutputError(f"{path}: this file would be overwritten; use --force, or another name")
+        raise OutputError(f"{path} already exists; use --force to overwrite it, or choose another name")
 
 
 MAX_FOOTPRINTS = 400

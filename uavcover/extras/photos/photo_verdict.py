@@ -63,7 +63,7 @@ class PhotoVerdict:
 def frame_of(site: Site) -> LocalFrame:
     """The local frame of a site on Earth. Raises InputError: it has no position on Earth."""
     if site.frame is None:
-        raise InputError(f"scenario {site.scenario.name} has no position on Earth, so photos have no position in it")
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth, so photos cannot be located in it")
     return site.frame
 
 
@@ -166,10 +166,14 @@ def photo_raster(verdict: PhotoVerdict) -> bytes:
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
     layers: list[tuple[str, str, NDArray[Any]]] = [
         ("pictures", "photos that show the cell", shown.pictures),
-        ("directions", "number of directions (of nine: down and the eight points of the compass)", shown.directions),
+        ("directions", "number of directions (out of nine: down, and eight compass directions)", shown.directions),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
-        ("sureness", "0 not observed, 1 possibly, 2 observed if measurements are exact, 3 surely", sureness),
+        (
+            "sureness",
+            "0: not observed, 1: possibly observed, 2: observed if measurements are exact, 3: certainly observed",
+            sureness,
+        ),
         ("reason", LAYER_REASONS, reason_codes(coverage, enough)),
     ]
     if shown.detection is not None:

@@ -78,7 +78,7 @@ class Picture:
         if self.fault is not None:
             return self.fault
         if self.digital_zoom is not None and self.digital_zoom > 1.001:
-            return f"digital zoom {self.digital_zoom:g}: its field of view is unknown; take photos without digital zoom"
+            return f"the field of view is unknown with a digital zoom of {self.digital_zoom:g}; do not zoom digitally"
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):
@@ -87,10 +87,10 @@ class Picture:
         if not heights:
             return "no height"
         if any(abs(height) > 20_000.0 for height in heights):
-            return f"height {max(heights, key=abs):g} m is impossible for a flight"
+            return f"height {max(heights, key=abs):g} m is not possible for a flight"
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg, self.vehicle_yaw_deg)
         if any(angle is not None and abs(angle) > 360.0 for angle in angles):
-            return "its angles exceed a full turn"
+            return "the angles exceed a full turn"
         return None
 
 
@@ -164,11 +164,11 @@ def survey_as_flown(
     if area.camera is None:
         body, name, others = _camera_of(pictures, out)
         area = replace(area, camera=name)
-        user.say(f"{'camera':18}{body}, from the photos' metadata; kept in {name}")
+        user.say(f"{'camera':18}{body}, from the photo metadata; saved in {name}")
         if others:
             user.warn(
-                f"{sum(others.values())} photos are from other cameras ({', '.join(sorted(others))}) and do not "
-                "count: judge each camera on its own, with --camera and its photos"
+                f"{sum(others.values())} photos are from other cameras ({', '.join(sorted(others))}) and are not "
+                "counted; judge each camera separately, with --camera and its photos"
             )
     camera = camera_named(str(area.camera))
     _compare_lens(camera, pictures, user)
@@ -184,7 +184,7 @@ def survey_as_flown(
             area = replace(area, gsd=_gsd_text(max(height_m, _LOWEST_M) / camera.focal_px))
             user.say(
                 f"{'ground sample':18}no limit; a flight for the missing photos is planned for {area.gsd}, because "
-                f"this one was flown {height_m:.0f} m above ground (median)"
+                f"this flight was {height_m:.0f} m above ground (median)"
             )
     return new_scenario(area, user, folder=out.path)
 
@@ -205,7 +205,7 @@ def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str, C
     (focal_mm, film_mm, pixels, title), _ = kinds.most_common(1)[0]
     others = Counter(p.camera for p in pictures if p.camera not in (None, title))
     if focal_mm is None or film_mm is None or pixels is None:
-        raise InputError("the photos do not describe their camera: specify --camera")
+        raise InputError("the photos do not describe their camera; specify --camera")
     diagonal_mm = FILM_DIAGONAL_MM * focal_mm / film_mm
     pitch_mm = diagonal_mm / math.hypot(*pixels)
     lines = [
@@ -237,6 +237,6 @@ def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -
     own_mm = FILM_DIAGONAL_MM * camera.focal_length_mm / math.hypot(camera.sensor_across_mm, camera.sensor_along_mm)
     if abs(own_mm / film_mm - 1.0) > LENS_DIFFERS:
         user.warn(
-            f"--camera: {camera.name} has the field of view of {own_mm:.0f} mm on 35 mm film, but the photos say "
-            f"{film_mm:.0f} mm: check the camera and zoom; without --camera, their camera is used"
+            f"--camera: the focal length of {camera.name} corresponds to {own_mm:.0f} mm on 35 mm film, but that of "
+            f"the photos to {film_mm:.0f} mm; check the camera and zoom, or omit --camera to use the photos' camera"
         )

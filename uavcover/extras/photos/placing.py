@@ -78,7 +78,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
             left_out[picture.name] = (
                 "no height above the take-off position"
                 if by_takeoff
-                else "only a height above take-off: specify --takeoff"
+                else "only a height above take-off; specify --takeoff"
             )
             placed.remove(picture)
         else:
@@ -96,7 +96,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
     yaw, found = _yaws_deg(placed, eyes)
     for picture, has_angles, some in zip(placed, known, found, strict=True):
         if not has_angles and not some:
-            left_out[picture.name] = "no direction: there are no camera angles, no heading and no other photos in line"
+            left_out[picture.name] = "no direction: no camera angles, no heading and no other photos on the same line"
     keep = known | found
     if not keep.any():
         raise TrackError(_none_placed(left_out))
@@ -131,7 +131,7 @@ def _none_placed(left_out: dict[str, str]) -> str:
     advice = ""
     if why == "no position":
         advice = "; add a list of their positions (geo.txt, .csv, .MRK or the flight's log), or geotag them"
-    return f"none of {len(left_out)} photos can be placed; {name}: {why}{advice}"
+    return f"none of the {len(left_out)} photos can be located ({name}: {why}){advice}"
 
 
 def _or(error_m: float | None, otherwise_m: float) -> float:

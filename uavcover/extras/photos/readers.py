@@ -33,11 +33,14 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
     rows = READERS[path.suffix.lower()](path)
     if rows.pictures is None or not len(rows.pictures):
         raise TrackError(
-            f"{path}: the log records no photos (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); verify --log judges its track"
+            f"{path}: the log records no photos (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); use verify --log"
         )
     pictures = _pictures(path, rows)
     outside = len(rows.pictures) - len(pictures)
-    words = (f"{path.name}: {outside} photos have a time outside the track and therefore no height: they do not count",)
+    words = (
+        f"{path.name}: {outside} photos were taken outside the time of the track and therefore have no height; "
+        "they are not counted",
+    )
     return pictures, (*rows.warnings, *(words if outside else ()))
 
 
@@ -60,7 +63,7 @@ def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
     )
     reports = reports[inside]
     if not len(reports):
-        raise TrackError(f"{path}: all photos have a time outside the track and therefore no height")
+        raise TrackError(f"{path}: all photos were taken outside the time of the track and therefore have no height")
     lat, lon, alt = (np.interp(reports[:, 0], positions[:, 0], positions[:, k]) for k in (1, 2, 3))
     placed = np.isfinite(reports[:, 1:]).all(axis=1) & (reports[:, 1:] != 0.0).any(axis=1)
     lat, lon = np.where(placed, reports[:, 1], lat), np.where(placed, reports[:, 2], lon)
@@ -141,10 +144,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     once.sort(key=lambda one: (one.clock or "", one.time_s or 0.0, one.name) if timed else ("", 0.0, one.name))
     clocks = sorted({picture.clock for picture in once if picture.clock is not None})
     if len(clocks) > 1:
-        notes.append(
-            f"times come from {len(clocks)} clocks ({', '.join(clocks[:4])}): order and speed are "
-            "computed for each clock"
-        )
+        notes.append(f"times come from {len(clocks)} clocks ({', '.join(clocks[:4])}), each with its own order")
     return PictureSet(tuple(once), tuple(notes))
 
 
@@ -174,7 +174,7 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
                 f"{source}: {source.suffix or 'no ending'} is neither a photo nor a list of photos; use {known}"
             )
     if not files and not lists and not logs:
-        raise TrackError(f"{', '.join(map(str, sources))}: there are no photos ({', '.join(ENDINGS)}) and no {GEO_TXT}")
+        raise TrackError(f"{', '.join(map(str, sources))}: no photos ({', '.join(ENDINGS)}) and no {GEO_TXT} found")
     return files, of_folders, lists, logs
 
 
@@ -235,12 +235,12 @@ def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
             kept.append(picture)
     if bands:
         notes.append(
-            f"{bands} of {len(pictures)} files have the same position and time as another file (bands of one photo): "
-            "they count once"
+            f"{bands} of {len(pictures)} files have the same position and time as another file (bands of one photo) "
+            "and count once"
         )
     if copies:
         notes.append(
             f"{copies} of {len(pictures)} photos have the same position and direction as another photo (copies, or a "
-            "receiver that did not update): they count once"
+            "receiver that did not update); they count once"
         )
     return kept

@@ -101,19 +101,19 @@ def detection_doubts(detection: Detection, sample_m: FloatArray) -> list[str]:
     if detection.curve.is_example:
         return [
             f"the curve {name} is a rule of thumb that was not measured with this camera, observer and ground; "
-            "provide your own (--detection FILE.toml) before relying on the probability"
+            "provide your own curve (--detection FILE.toml) before you rely on the probability"
         ]
     first_cm, last_cm = 100.0 * table.sample_m[[0, -1]]
     median_cm = 100.0 * float(np.median(known))
     if _FAR_FINER * median_cm < first_cm:
         return [
             f"the curve {name} begins at {first_cm:g} cm per pixel, but photos have {median_cm:.2g} cm: finer photos "
-            "use this value; check that its ground_sample_m are in metres"
+            "use the curve's first value; check that ground_sample_m is in metres"
         ]
     if median_cm > last_cm:
         return [
-            f"the curve {name} ends at {last_cm:.3g} cm per pixel, but photos have {median_cm:.2g} cm: coarser ones "
-            "find nothing; check that its ground_sample_m are in metres"
+            f"the curve {name} ends at {last_cm:.3g} cm per pixel, but photos have {median_cm:.2g} cm: coarser "
+            "photos detect nothing; check that ground_sample_m is in metres"
         ]
     return []
 

@@ -33,11 +33,12 @@ def qgis_plugin(
 
     console = output.console()
     if out.exists() and not force:
-        raise OutputError(f"{out}: this file already exists; use another name, or --force to replace it")
+        raise OutputError(f"{out} already exists; use --force to overwrite it, or choose another name")
     write_file(out, plugin_zip(program=_program()))
-    console.say(f"written: {out}")
+    console.say(f"wrote {out}")
     console.say(
-        "in QGIS: Plugins > Manage and Install Plugins > Install from ZIP; then Processing > Toolbox > uavcover"
+        "in QGIS, select Plugins > Manage and Install Plugins > Install from ZIP; the tools are then in Processing > "
+        "Toolbox > uavcover"
     )
     console.result({"file": str(out)})
     return 0

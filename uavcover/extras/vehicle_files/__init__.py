@@ -8,14 +8,14 @@ COMMANDS = {
     "Plan": {
         "terrain": (
             "uavcover.extras.vehicle_files.terrain",
-            "find elevation data; terrain-server sends it",
+            "find elevation data for an area, or send it",
             ("uavcover terrain area.kml", "uavcover terrain area.kml --dem tiles/ --dat TERRAIN"),
         ),
     },
     "Vehicle": {
         "send-file": (
             "uavcover.extras.vehicle_files.get_file",
-            "send files to the vehicle; get-file downloads one",
+            "send files to the vehicle, or download one",
             (
                 "uavcover send-file TERRAIN/N36W085.DAT --to udp:127.0.0.1:14550",
                 "uavcover send-file script.lua --folder /APM/scripts --to tcp:127.0.0.1:5760",

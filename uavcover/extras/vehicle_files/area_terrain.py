@@ -102,15 +102,15 @@ def say_needed(area: AreaTerrain, there: Sequence[Path] | None, user: User) -> l
         missing = None if there is None else needed.missing_in(there)
         user.say(f"{one.name}: {one.title}, {one.resolution}; {one.surface}; heights above {one.vertical_datum}")
         if not names:
-            user.say(f"  has no data at these latitudes ({_lat(one.south_deg)} to {_lat(one.north_deg)} only)")
+            user.say(f"  no data at these latitudes (only from {_lat(one.south_deg)} to {_lat(one.north_deg)})")
         else:
-            beyond = f", {needed.beyond} more beyond its latitudes" if needed.beyond else ""
+            beyond = f", {needed.beyond} more beyond its range of latitudes" if needed.beyond else ""
             user.say(f"  {len(names)} {'tile' if len(names) == 1 else 'tiles'}{beyond}:")
             for name in names[:_SHOWN]:
                 user.say(f"    {name}{'' if missing is None else '  missing' if name in missing else '  there'}")
             if len(names) > _SHOWN:
                 left = "" if missing is None else f"; {len(missing)} missing in all"
-                user.say(f"    and {len(names) - _SHOWN} more{left} (--json has every name)")
+                user.say(f"    and {len(names) - _SHOWN} more{left} (use --json to list all)")
             user.say(f"  {one.address}")
             user.say(f"  {one.licence}{f'; {one.note}' if one.note else ''}")
         documents.append(
@@ -128,7 +128,7 @@ def say_needed(area: AreaTerrain, there: Sequence[Path] | None, user: User) -> l
         )
     for source in area.national:
         user.say(f"maybe {source.title}: {source.address}")
-    user.say("sets have no tiles where there is only sea")
+    user.say("the data sets have no tiles for open sea")
     return documents
 
 

@@ -20,7 +20,7 @@ def send_file(
     *,
     folder: Annotated[str, typer.Option(help="Existing folder on the vehicle.", metavar="PATH")] = "/APM/TERRAIN",
     window: Annotated[
-        int, typer.Option(help="Number of parallel requests. ArduPilot queues 5.", metavar="N", min=1, max=1000)
+        int, typer.Option(help="Number of requests in parallel. ArduPilot queues 5.", metavar="N", min=1, max=1000)
     ] = 5,
     vehicle: options.VehicleOptions,
     output: options.Output,
@@ -38,15 +38,18 @@ def send_file(
         except OSError as error:
             raise InputError(f"{file}: the file cannot be read ({error.strerror or error})") from error
     if len(contents) < len(files):
-        raise InputError("two of the files have the same name; send them separately with --folder")
+        raise InputError("two of the files have the same name; send them separately, with different --folder options")
     with connect(vehicle.link_to(to)) as connected:
         if connected.client.vehicle.armed:
-            raise InputError(f"vehicle {connected.client.vehicle.system_id} is armed; send files on the ground")
+            raise InputError(
+                f"vehicle {connected.client.vehicle.system_id} is armed; send files only while it is "
+                "disarmed on the ground"
+            )
         uploads = FileUploads(connected.client, window=window)
         for path, content in contents.items():
             with console.progress(f"sending {path}") as bar:
                 uploads.upload(path, content, progress=bar.count)
-            console.say(f"sent: {path} ({len(content)} bytes, CRC equal)")
+            console.say(f"sent {path} ({len(content)} bytes, CRC equal)")
     console.result({"to": to, "files": {path: len(content) for path, content in contents.items()}})
     return 0
 
@@ -55,7 +58,7 @@ _CONVERTED = (".waypoints", ".plan")
 
 
 def get_file(
-    path: Annotated[str, typer.Argument(help="File on the vehicle, or a folder to list if it ends with a slash.")],
+    path: Annotated[str, typer.Argument(help="File on the vehicle; or, with a slash at the end, a folder to list.")],
     to: options.To,
     *,
     out: Annotated[
@@ -63,7 +66,7 @@ def get_file(
         typer.Option("-o", "--out", help="Output file; default: the same name in the current folder.", metavar="FILE"),
     ] = None,
     window: Annotated[
-        int, typer.Option(help="Number of parallel reads. ArduPilot queues 5.", metavar="N", min=1, max=1000)
+        int, typer.Option(help="Number of reads in parallel. ArduPilot queues 5.", metavar="N", min=1, max=1000)
     ] = 5,
     vehicle: options.VehicleOptions,
     force: options.Force = False,
@@ -82,7 +85,7 @@ def get_file(
     console = output.console()
     if path.endswith("/"):
         if out is not None:
-            raise InputError(f"{path}: this is a folder, which is listed and not written; omit -o, or specify a file")
+            raise InputError(f"{path}: this is a folder, which is only listed; omit -o, or specify a file")
         with connect(vehicle.link_to(to)) as connected:
             entries = FileDownloads(connected.client).entries(path)
         for entry in entries:
@@ -99,19 +102,19 @@ def get_file(
     if file.is_dir():
         raise OutputError(f"{file}: this is a folder; specify a file with -o")
     if file.exists() and not force:
-        raise OutputError(f"{file}: this file would be overwritten; use --force, or another name with -o")
+        raise OutputError(f"{file} already exists; use --force to overwrite it, or choose another name with -o")
     if not file.parent.is_dir():
         raise OutputError(f"{file.parent}: this is not a folder; create it first")
     if file.suffix in _CONVERTED and (listed_as := _list_of(path)) is not None:
         text, items = _converted(vehicle, to, listed_as, file, console)
         write_file(file, text.encode())
-        console.say(f"written: {file} ({items} items of {path})")
+        console.say(f"wrote {file} ({items} items of {path})")
         console.result({"from": to, "path": path, "file": str(file), "items": items})
         return 0
     with connect(vehicle.link_to(to)) as connected, console.progress(f"getting {path}") as bar:
         content = FileDownloads(connected.client, window=window).download(path, progress=bar.count)
     write_file(file, content)
-    console.say(f"written: {file} ({len(content)} bytes, CRC equal)")
+    console.say(f"wrote {file} ({len(content)} bytes, CRC equal)")
     console.result({"from": to, "path": path, "file": str(file), "bytes": len(content)})
     return 0
 
@@ -134,7 +137,7 @@ def _converted(
     from uavcover.cli.mission_files import text_of
     from uavcover.flight.connect import connect
 
-    with connect(vehicle.link_to(to)) as connected, console.progress("getting the list") as bar:
+    with connect(vehicle.link_to(to)) as connected, console.progress("downloading the list") as bar:
         files, autopilot = FileDownloads(connected.client), connected.client.vehicle.autopilot
         wanted = dict.fromkeys((MissionType.MISSION, kind))
         lists = {t: mission_list_of(t, files.mission_items(t, progress=bar.count), autopilot) for t in wanted}

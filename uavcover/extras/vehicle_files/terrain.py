@@ -35,8 +35,8 @@ def terrain_server(
         console.say(f"vehicle {connected.client.vehicle.system_id} at {to}: answering from {source} ({datum})")
         counts = serve_terrain(connected.client, heights_of_files(source, datum, console.warn), console)
     console.say(
-        f"{counts.requests} requests for {counts.blocks} blocks: {counts.parts_sent} parts sent, "
-        f"{counts.parts_unknown} not sent because data are missing"
+        f"requests: {counts.requests} for {counts.blocks} blocks; sent parts: {counts.parts_sent}; parts not sent "
+        f"because data is missing: {counts.parts_unknown}"
     )
     console.result({"to": to, "dem": [str(file) for file in source.files], "vertical_datum": datum, **asdict(counts)})
     return 0
@@ -54,7 +54,9 @@ class AreaOptions:
         typer.Option(help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"),
     ] = None
     make_valid: Annotated[bool, typer.Option("--make-valid", help="Repair outlines that cross themselves.")] = False
-    swap_axes: Annotated[bool, typer.Option("--swap-axes", help="Read latitude first in the area file.")] = False
+    swap_axes: Annotated[
+        bool, typer.Option("--swap-axes", help="Read coordinates in the area file as latitude first.")
+    ] = False
 
 
 def terrain(
@@ -65,7 +67,7 @@ def terrain(
     dat: Annotated[
         Path | None, typer.Option(help="Write ArduPilot terrain files to this folder.", metavar="FOLDER")
     ] = None,
-    spacing: Annotated[int, typer.Option(help="TERRAIN_SPACING of the vehicle, for --dat.", metavar="METRES")] = 100,
+    spacing: Annotated[int, typer.Option(help="The vehicle's TERRAIN_SPACING, for --dat.", metavar="METRES")] = 100,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
@@ -98,14 +100,14 @@ def terrain(
         console.result(document)
         return 0
     share = known_share(found, data, console)
-    console.say(f"{', '.join(data.names)}: heights on {100.0 * share:.1f} % of the area")
+    console.say(f"{', '.join(data.names)}: contains heights for {100.0 * share:.1f} % of the area")
     document["known_share"] = share
     if dat is not None:
         source, datum = open_elevation_data(data, around=found.around)
         heights = heights_of_files(source, datum, console.warn)
         written = write_terrain_files(heights, found.around, dat, spacing_m=spacing, force=force, user=console)
         for name, blocks in written.items():
-            console.say(f"written: {dat / name} ({blocks} blocks)")
+            console.say(f"wrote {dat / name} ({blocks} blocks)")
         document["dat"] = {str(dat / name): blocks for name, blocks in written.items()}
     console.result(document)
     return 0 if share == 1.0 else 1

@@ -264,5 +264,5 @@ def run_real(trial: Trial, port: int) -> Transferred:
     try:
         run = REAL_CLIENTS[trial.client]
     except KeyError:
-        raise MisuseError(f"{trial.client!r} is not a client; there are {', '.join(REAL_CLIENTS)}") from None
+        raise MisuseError(f"unknown client {trial.client!r}; choose from {', '.join(REAL_CLIENTS)}") from None
     return run(trial, port)

@@ -78,9 +78,9 @@ class _Worker:
             if self._control.poll(LONGEST_S):
                 transferred: Transferred = self._control.recv()
                 return transferred
-            error = f"hung for {LONGEST_S:g} s"
+            error = f"did not respond for {LONGEST_S:g} s"
         except EOFError:
-            error = "its process died"
+            error = "its process ended unexpectedly"
         self._process.kill()
         self._process.join()
         self._process = None
@@ -173,9 +173,7 @@ def read_outcomes(folder: Path) -> list[TransferOutcome]:
         try:
             outcomes.append(TransferOutcome.of_row(row))
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                f"{file}: line {number}: cannot be read ({error}); remove the file to start again"
-            ) from None
+            raise InputError(f"{file}: cannot read line {number} ({error}); delete the file to start again") from None
     return outcomes
 
 

@@ -32,7 +32,7 @@ class MmfInPymoo(Problem):  # type: ignore[misc]
 
     def __init__(self, mmf: str) -> None:
         if mmf not in PROBLEMS:
-            raise InputError(f"problem {mmf!r} is not known: choose one of {', '.join(PROBLEMS)}")
+            raise InputError(f"unknown problem {mmf!r}; choose from {', '.join(PROBLEMS)}")
         problem = PROBLEMS[mmf]
         super().__init__(
             n_var=problem.n_variables, n_obj=problem.n_objectives, xl=problem.lower.copy(), xu=problem.upper.copy()

@@ -227,7 +227,7 @@ class MmfFolder:
             if values.shape[1] != n + m or not np.isfinite(values).all():
                 raise ValueError(f"expected {n + m} finite numbers in a row")
         except (OSError, ValueError) as error:
-            raise InputError(f"{path}: cannot be read ({error}); remove it and give the same command again") from error
+            raise InputError(f"{path}: cannot read it ({error}); delete it and run the command again") from error
         return values[:, :n], values[:, n:]
 
 

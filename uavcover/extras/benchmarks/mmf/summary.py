@@ -44,7 +44,7 @@ def cover_rate(reference_set: ArrayLike, solutions: ArrayLike, *, ignored: Colle
     """
     true, found = np.asarray(reference_set, float), np.asarray(solutions, float)
     if true.ndim != 2 or found.ndim != 2 or true.shape[1] != found.shape[1] or not len(true) or not len(found):
-        raise OptimizerError(f"cover rate: shapes {true.shape} and {found.shape}: give (r, n) and (k, n), none empty")
+        raise OptimizerError(f"cover rate: shapes {true.shape} and {found.shape}; use (r, n) and (k, n)")
     product = 1.0
     for variable in range(true.shape[1]):
         low, high = float(true[:, variable].min()), float(true[:, variable].max())

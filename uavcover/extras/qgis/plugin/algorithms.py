@@ -107,8 +107,9 @@ class NewAlgorithm(UavcoverAlgorithm):
         self.addParameter(QgsProcessingParameterString("CAMERA", "Camera (uavcover new --camera list)", "dji-m3e"))
         self.addParameter(QgsProcessingParameterString("GSD", "Ground sample distance", "3cm"))
         for name, label in (
-            ("OVERLAP", "Overlap, forward/side, such as 75/70"), ("VEHICLE", "Vehicle"), ("BATTERY", "Battery time, such as 25min"),
-            ("MAX_HEIGHT", "Highest above ground, such as 120m"), ("SPEED", "Speed, such as 10m/s"), ("HOME", "Take-off, LAT,LON"),
+            ("OVERLAP", "Overlap, forward/side, such as 75/70"), ("VEHICLE", "Vehicle"), ("BATTERY", "Flight time, "
+                                                                                                     "such as 25min"),
+            ("MAX_HEIGHT", "Maximum height above ground, such as 120m"), ("SPEED", "Speed, such as 10m/s"), ("HOME", "Take-off, LAT,LON"),
         ):  # fmt: skip
             self.addParameter(optional(name, label))
         self.addParameter(QgsProcessingParameterFileDestination("SCENARIO", "Scenario", "TOML (*.toml)"))
@@ -128,15 +129,15 @@ class PlanAlgorithm(UavcoverAlgorithm):
     """From a scenario to a run folder with mission files, and the route as a layer."""
 
     NAME, TITLE = "plan", "Plan route"
-    HELP = "Plans a scenario into a run folder with mission files. Cancel to keep the best route found so far."
+    HELP = "Plans a scenario and writes the mission files to a run folder. Cancel to keep the best route found so far."
 
     def initAlgorithm(self, config=None):
         self.addParameter(QgsProcessingParameterFile("SCENARIO", "Scenario", extension="toml"))
         self.addParameter(optional("BUDGET", "Search time, such as 30s", "30s"))
         for name, label in (
-            ("EVALUATIONS", "Evaluations, instead of a time"),
+            ("EVALUATIONS", "Number of evaluations, instead of a time"),
             ("SEED", "Seed"),
-            ("SELECT", "Rule, such as coverage>=0.98"),
+            ("SELECT", "Selection rule, such as coverage>=0.98"),
         ):
             self.addParameter(optional(name, label))
         self.addParameter(QgsProcessingParameterFolderDestination("RUN", "Run folder"))
@@ -232,14 +233,14 @@ class PhotosAlgorithm(UavcoverAlgorithm):
     """From photos and a scenario to overlap and gaps."""
 
     NAME, TITLE = "judgephotos", "Judge photos"
-    HELP = "Counts the photos that show each point of the ground, except hidden ground."
+    HELP = "Counts the photos that show each point of the ground. Hidden ground does not count."
 
     def initAlgorithm(self, config=None):
         self.addParameter(
-            QgsProcessingParameterFile("PHOTOS", "Folder of photos", behavior=QgsProcessingParameterFile.Folder)
+            QgsProcessingParameterFile("PHOTOS", "Folder with photos", behavior=QgsProcessingParameterFile.Folder)
         )
         self.addParameter(QgsProcessingParameterFile("SCENARIO", "Scenario file"))
-        self.addParameter(QgsProcessingParameterFolderDestination("OUT", "Folder of the verdict"))
+        self.addParameter(QgsProcessingParameterFolderDestination("OUT", "Folder for the verdict"))
 
     def processAlgorithm(self, parameters, context, feedback):
         out = self.parameterAsString(parameters, "OUT", context)
@@ -247,7 +248,7 @@ class PhotosAlgorithm(UavcoverAlgorithm):
         document = self.uavcover(["judge-photos", photos, "--scenario", scenario, "-o", out, "--force"], feedback)
         gaps = os.path.join(out, "gaps.geojson")
         stretches = styles.split(gaps, ("Polygon", "MultiPolygon"), "stretches")
-        load(context, os.path.join(out, "photos.tif"), "Ground in the photos", styles.coverage)
+        load(context, os.path.join(out, "photos.tif"), "Ground covered by photos", styles.coverage)
         load(context, os.path.join(out, "footprints.geojson"), "Footprints", styles.footprints)
         load(context, gaps, "Gaps", styles.gaps)
         load(context, stretches, "Missing photos", styles.missing)
@@ -263,7 +264,7 @@ class ExportAlgorithm(UavcoverAlgorithm):
     def initAlgorithm(self, config=None):
         self.addParameter(QgsProcessingParameterFile("RUN", "Run folder", behavior=QgsProcessingParameterFile.Folder))
         self.addParameter(QgsProcessingParameterEnum("FORMAT", "Format", FORMATS, defaultValue=0))
-        self.addParameter(optional("DRONE", "Aircraft of wpml, such as dji-m3e"))
+        self.addParameter(optional("DRONE", "Aircraft for wpml, such as dji-m3e"))
         self.addParameter(QgsProcessingParameterFileDestination("FILE", "File", "All files (*.*)"))
 
     def processAlgorithm(self, parameters, context, feedback):

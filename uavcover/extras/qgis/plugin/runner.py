@@ -74,9 +74,9 @@ def run(command, arguments, feedback, accepted=(0, 1)):
     except ValueError:
         document = {}
     if stopped.is_set():
-        feedback.pushWarning("stopped: the best result so far was written, where there is one")
+        feedback.pushWarning("stopped; the best result so far was written, if there is one")
     elif code not in accepted:
-        raise UavcoverError(str(document.get("error") or error or f"uavcover ended with {code}"))
+        raise UavcoverError(str(document.get("error") or error or f"uavcover ended with exit code {code}"))
     return document
 
 
