@@ -173,7 +173,7 @@ def test_a_route_of_another_number_of_parts_is_refused(planned: RunFolder, tmp_p
         compile_flights(site, Route(whole.waypoints_m))
     path = run.file("pareto_routes.csv")
     path.write_text("\n".join(line.rpartition(",")[0] for line in path.read_text().splitlines()) + "\n")
-    with pytest.raises(InputError, match=r"the number of parts of a route is not 2; create it again"):
+    with pytest.raises(InputError, match=r"each route must have 2 parts; create the file again"):
         read_members(run, site)
 
 
@@ -182,6 +182,6 @@ def test_parts_that_do_not_fit_are_refused_before_the_search(tmp_path: Path) -> 
     first, second = site.scenario.vehicles
     same = dataclasses.replace(first, area=second.area)
     overlapping = load_site(dataclasses.replace(site.scenario, vehicles=(same, second)))
-    with pytest.raises(ScenarioError, match=r"vehicle\.0\.area and vehicle\.1\.area: overlap by"):
+    with pytest.raises(ScenarioError, match=r"vehicle\.0\.area and vehicle\.1\.area: these areas overlap by"):
         plan_into(request(tmp_path / "run", overlapping), Listener(), check_site=lambda _: None)
     assert not (tmp_path / "run" / "plan.json").exists()

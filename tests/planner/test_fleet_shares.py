@@ -126,7 +126,7 @@ def test_a_vehicle_on_another_pad_is_refused(planned: RunFolder, tmp_path: Path)
     def make(number: int, sortie: int, site: Site) -> MockVehicle:
         return mock(number, sortie, site, place=home_of(sites[{1: 0, 2: 2, 3: 1}[number]]))
 
-    with pytest.raises(FleetFailedError, match=r"from the planned home.*it is at the home of vehicle 3"):
+    with pytest.raises(FleetFailedError, match=r"from the planned home.*it stands at the home of vehicle 3"):
         fly(run, Hangar(3, make), Listener())
 
 

@@ -178,7 +178,7 @@ def test_a_route_that_sees_too_little_to_be_of_use_is_none() -> None:
     missing = missing_in(coverage, (0, 80, 300, 130))
     all_m2 = closing(site, coverage, missing).seen_m2
     assert closing(site, coverage, missing, useful_m2=all_m2 - 1.0).seen_m2 == all_m2
-    with pytest.raises(InfeasibleError, match="cannot be closed"):
+    with pytest.raises(InfeasibleError, match="cannot close the gaps"):
         closing(site, coverage, missing, useful_m2=all_m2 + 1.0)
 
 

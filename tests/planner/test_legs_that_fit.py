@@ -25,7 +25,7 @@ def strip(endurance_s: float | None) -> Site:
 
 def test_a_leg_that_no_flight_takes_as_a_whole_is_halved() -> None:
     site = strip(325.0)
-    with pytest.raises(InfeasibleError, match="the leg to waypoint 1: flown alone it takes"):
+    with pytest.raises(InfeasibleError, match="the leg to waypoint 1: a sortie with this part alone takes"):
         compile_flights(site, LINE)
     route = with_legs_that_fit(site, LINE)
     np.testing.assert_allclose(route.waypoints_m, [LINE.waypoints_m[0], [200.0, 20.0, 80.0], LINE.waypoints_m[1]])

@@ -199,6 +199,6 @@ def test_conditions_choose_among_all_members(monkeypatch: pytest.MonkeyPatch) ->
 def test_conditions_need_a_mission() -> None:
     for site in (make_site(on_earth=False), make_site(home=None)):
         with pytest.raises(
-            InputError, match=r"'sorties<=2' limits missions; .* has no position on Earth or no \[home\]"
+            InputError, match=r"'sorties<=2' has conditions on missions, but .* has no position on Earth or no \[home\]"
         ):
             with_sizes(site, several(site, "sorties<=2", 2))

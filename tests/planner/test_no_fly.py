@@ -168,7 +168,7 @@ def test_leg_problems_name_the_zone():
     (problem,) = find_problems(site, points, lowest_agl_m=40.0, highest_agl_m=120.0)
     assert problem.kind == "no-fly zone"
     assert str(problem) == (
-        "leg to waypoint 1: 70.0 m inside no-fly zone 'airport', margins included, at 150 m east, 100 m north"
+        "leg to waypoint 1: 70.0 m inside no-fly zone 'airport' or its margin at 150 m east, 100 m north"
     )
     (alone,) = find_waypoint_problems(site, np.array([(150.0, 100.0, 80.0)]), lowest_agl_m=40.0, highest_agl_m=120.0)
     assert alone.value == pytest.approx(70.0)

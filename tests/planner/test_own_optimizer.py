@@ -42,7 +42,7 @@ class TestPython:
     @pytest.mark.parametrize(
         ("algorithm", "message"),
         [
-            ("nsga9", "'nsga9' is not one of memetic, .*; nor one of the optimizers .*dbo"),
+            ("nsga9", "unknown algorithm 'nsga9'; use memetic, .*, one of the optimizers .*dbo"),
             ("dbo", "minimises at most 1"),
             (dict, r"has no ask\(\)"),
         ],

@@ -111,7 +111,7 @@ def test_it_ends_when_told_to_and_is_the_same_for_any_number_of_threads():
     ("settings", "words"),
     [
         ({"line_heading_deg": 10.0}, 'line_heading_deg: requires algorithm = "lines"'),
-        ({"algorithm": "lines", "line_heading_deg": 360.0}, "outside 0 to below 360"),
+        ({"algorithm": "lines", "line_heading_deg": 360.0}, "must be at least 0 and below 360"),
         ({"algorithm": "lines", "encoding": "waypoints"}, '"waypoints" does not apply to lines'),
     ],
 )

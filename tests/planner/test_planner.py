@@ -141,7 +141,7 @@ def test_a_coverage_out_of_reach_takes_the_best() -> None:
 
 
 def test_a_bad_rule_is_found_before_the_search() -> None:
-    with pytest.raises(InputError, match="is not a rule"):
+    with pytest.raises(InputError, match="unknown rule"):
         make_plan(make_site(), rule="bestest", should_stop=lambda: pytest.fail("searched"))
 
 
@@ -266,7 +266,7 @@ def test_a_band_too_narrow_for_the_climb_limit() -> None:
     with pytest.raises(InfeasibleError) as caught:
         make_plan(site, evaluations=20)
     text = str(caught.value)
-    assert text.startswith("no route meets the limits of the scenario; the best one violates: leg to waypoint ")
+    assert text.startswith("no route meets the scenario's limits; the best route violates one: leg to waypoint ")
     assert "too high" in text
     assert "m above ground against 49.0 m above ground at " in text
     assert "after limits.height_margin_m = 1 m" in text

@@ -173,7 +173,12 @@ def test_limits_and_fence_have_colours_of_their_own_and_are_in_the_legend() -> N
     }  # fmt: skip
     for (one, rgb), (other, another) in itertools.combinations(lines.items(), 2):
         assert np.linalg.norm(np.subtract(rgb, another)) > 70.0, (one, other)
-    for words in ("orange outline | the fence", "highest height allowed", "lowest height allowed", "no-fly zones"):
+    for words in (
+        "orange outline | the fence",
+        "maximum height above ground",
+        "minimum height above ground",
+        "no-fly zones",
+    ):
         assert words in LEGEND_TEXT
 
 

@@ -49,7 +49,7 @@ def test_a_picture_that_is_not_made_leaves_the_old_one(
     picture = tmp_path / "picture.png"
     picture.write_text("old")
     monkeypatch.setattr(viewer, "_viewer_program", lambda: tmp_path / "missing")
-    with pytest.raises(RecordingError, match="cannot be started"):
+    with pytest.raises(RecordingError, match="cannot start the rerun viewer"):
         screenshot(recorded, picture)
     assert [p.name for p in tmp_path.iterdir()] == ["picture.png"]
     assert picture.read_text() == "old"
@@ -69,7 +69,7 @@ def test_what_is_no_recording_is_not_opened(tmp_path: Path) -> None:
     for show in (open_viewer, lambda path: screenshot(path, tmp_path / "picture.png")):
         with pytest.raises(RecordingError, match=r"track\.csv"):
             show(other)
-    with pytest.raises(RecordingError, match=r"outside 0\.\.1"):
+    with pytest.raises(RecordingError, match=r"must be between 0 and 1"):
         screenshot(other, tmp_path / "picture.png", at_share=1.5)
 
 
@@ -87,7 +87,7 @@ def fake_viewer(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> N
         ("import sys; sys.exit('Error: No graphics adapter was found')", "no graphics driver.*mesa-vulkan-drivers"),
         ("import sys; sys.exit('panicked at: Failed to get render context')", "no graphics driver"),
         ("import sys; sys.exit('Error: no X server')", r"ended with code 1 \(Error: no X server\)"),
-        ("import sys; sys.exit('broken')", r"the viewer ended with code 1 \(broken\)"),
+        ("import sys; sys.exit('broken')", r"the viewer ended with exit code 1 \(broken\)"),
     ],
 )
 def test_a_viewer_that_ends_at_once(

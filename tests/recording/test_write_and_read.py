@@ -209,7 +209,7 @@ def test_other_files_are_refused(recorded: Path, tmp_path: Path) -> None:
     with rr.RecordingStream("somebody_else", send_properties=False) as stream:
         stream.save(foreign)
         stream.log("points", rr.Points3D([[1.0, 2.0, 3.0]]), static=True)
-    with pytest.raises(RecordingError, match="has no uavcover track"):
+    with pytest.raises(RecordingError, match="contains no uavcover track"):
         read_recorded_track(foreign)
     assert issubclass(RecordingError, InputError)
 

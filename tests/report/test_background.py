@@ -231,13 +231,13 @@ VRT = b'<VRTDataset rasterXSize="10" rasterYSize="10"><SRS>EPSG:4326</SRS></VRTD
 BAD: dict[str, tuple[Callable[[Path, Site], Path], str]] = {
     "nothing": (lambda f, _: f / "no.tif", "no such file"),
     "a folder": (lambda f, _: f, "no such file"),
-    "empty": (lambda f, _: _written(f / "a.tif", b""), "the file cannot be read as GeoTIFF or MBTiles"),
-    "text": (lambda f, _: _written(f / "a.tif", b"hello"), "the file cannot be read as GeoTIFF or MBTiles"),
-    "a picture without a place": (lambda f, _: _written(f / "a.png", _png(64, 64)), "cannot be read as GeoTIFF"),
-    "a file that names others": (lambda f, _: _written(f / "a.vrt", VRT), "cannot be read as GeoTIFF"),
+    "empty": (lambda f, _: _written(f / "a.tif", b""), "cannot read the file as GeoTIFF or MBTiles"),
+    "text": (lambda f, _: _written(f / "a.tif", b"hello"), "cannot read the file as GeoTIFF or MBTiles"),
+    "a picture without a place": (lambda f, _: _written(f / "a.png", _png(64, 64)), "cannot read the file as GeoTIFF"),
+    "a file that names others": (lambda f, _: _written(f / "a.vrt", VRT), "cannot read the file as GeoTIFF"),
     "cut off": (
         lambda f, s: _written(f / "cut.tif", write_geotiff(f / "w.tif", extent_of(s), 4326).read_bytes()[:3000]),
-        "cannot be read",
+        "cannot read",
     ),
     "no system": (lambda f, s: write_geotiff(f / "a.tif", extent_of(s), 4326, crs=None), "has no coordinate system"),
     "heights": (lambda f, s: write_geotiff(f / "a.tif", extent_of(s), 4326, bands=1, dtype="float32"), "not 8 bits"),
@@ -245,7 +245,7 @@ BAD: dict[str, tuple[Callable[[Path, Site], Path], str]] = {
     "elsewhere": (lambda f, _: write_geotiff(f / "a.tif", FAR, 4326), "does not cover the map"),
     "elsewhere, tiles": (lambda f, _: write_mbtiles(f / "a.mbtiles", FAR, zooms=(12,)), "does not cover the map"),
     "no tables": (lambda f, _: _sql(f / "a.mbtiles", "CREATE TABLE other (a)"), "no such table"),
-    "no tiles": (lambda f, _: _sql(f / "a.mbtiles", *TABLES), "has no tiles"),
+    "no tiles": (lambda f, _: _sql(f / "a.mbtiles", *TABLES), "contains no tiles"),
     "vectors": (lambda f, _: write_mbtiles(f / "a.mbtiles", FAR, zooms=(3,), kind="PNG") and _sql(
         f / "a.mbtiles", "UPDATE metadata SET value = 'pbf' WHERE name = 'format'"), "vector tiles"),
     "a tile of text": (lambda f, s: _broken_tile(f / "a.mbtiles", s, b"hello"), "(zoom, column, row) cannot be read"),
@@ -253,8 +253,8 @@ BAD: dict[str, tuple[Callable[[Path, Site], Path], str]] = {
     "an oblong tile": (lambda f, s: _broken_tile(f / "a.mbtiles", s, _png(256, 128)), "not a square"),
     "a huge tile": (lambda f, s: _broken_tile(f / "a.mbtiles", s, _png(4096, 4096)), "not a square of 64 to 2048"),
     "fine tiles only": (lambda f, _: _sql(
-        f / "a.mbtiles", *TABLES, "INSERT INTO tiles VALUES (22, 1, 1, x'00')"), "coarsest zoom level has too many tiles"),
-    "a broken database": (lambda f, _: _written(f / "a.mbtiles", b"SQLite format 3\0" + b"x" * 5000), "cannot be read"),
+        f / "a.mbtiles", *TABLES, "INSERT INTO tiles VALUES (22, 1, 1, x'00')"), "lowest zoom has too many tiles"),
+    "a broken database": (lambda f, _: _written(f / "a.mbtiles", b"SQLite format 3\0" + b"x" * 5000), "cannot read"),
 }  # fmt: skip
 
 

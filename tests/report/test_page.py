@@ -84,7 +84,7 @@ def test_the_verdict_is_the_one_of_verification(html: str, content: ReportConten
     assert f"{100.0 * report.coverage_fraction:.2f} %" in page.text
     assert f"{report.gaps[0].area_m2:.0f} m²" in page.table("Coverage gaps")
     assert "--seed 3 --evaluations 40" in page.text
-    assert "Licence of Leaflet" in page.text
+    assert "Leaflet licence" in page.text
     assert "Volodymyr Agafonkin" in page.text
     assert len(html.encode()) < 3_000_000
 

@@ -84,7 +84,7 @@ def test_a_violation_fails_its_own_line(content: ReportContent, kind: ViolationK
 def test_what_is_not_required_has_no_line(content: ReportContent) -> None:
     assert "Ground speed on the route" not in rows_of(content)
     assert "Deviation from the planned route" not in rows_of(content)
-    assert "Surely observed visible ground" in rows_of(content, min_sure_coverage_of_coverable=0.1)
+    assert "Certainly observed visible ground" in rows_of(content, min_sure_coverage_of_coverable=0.1)
 
 
 def test_where_too_little_was_observed_no_limit_is_said_to_hold(content: ReportContent) -> None:
@@ -94,7 +94,7 @@ def test_where_too_little_was_observed_no_limit_is_said_to_hold(content: ReportC
     assert rows["Route time without evidence"].holds == "not proved"
     assert rows["Route time without evidence"].found == "2.00 %"
     fence = rows["Inside the fence"]
-    assert (fence.holds, fence.found) == ("not proved", "kept where it was observed")
+    assert (fence.holds, fence.found) == ("not proved", "kept wherever observed")
     # What was seen to be broken is broken all the same.
     assert rows["Clearance on outbound and return transit"].holds == "no"
     allowed = rows_of(content, found=missing, min_coverage_of_coverable=0.0, max_unobserved_fraction=0.02)

@@ -109,7 +109,7 @@ def close_gaps(
     save_gaps(run, verdict, command=command)
     wanted = [gap for gap in report.gaps if gap.coverable and gap.area_m2 >= min_area_m2]
     if not wanted or (target is not None and report.coverage_of_coverable >= target):
-        user.say(f"nothing to close; written: {run.file('gaps.geojson')}")
+        user.say(f"no gaps to close; wrote {run.file('gaps.geojson')}")
         return None, document
     with user.progress("planning the gap mission"):
         own_logs = list(request.logs) or flown_tracks(run)
@@ -132,17 +132,15 @@ def close_gaps(
     }
     user.say(
         f"gap mission       {len(mission.closing.route)} waypoints, {length_m:.0f} m and "
-        f"{mission.wanted.flight_time_s:.0f} s with its transits; after it {percent(mission.coverage_after)} of "
-        "the visible ground"
+        f"{mission.wanted.flight_time_s:.0f} s including transits; coverage afterwards: "
+        f"{percent(mission.coverage_after)} of the visible ground"
     )
     if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
         left_m2 = mission.closing.wanted_m2 - mission.closing.seen_m2
-        user.warn(
-            f"{left_m2:.0f} square metres of the gaps remain open, because no leg inside the limits can observe them"
-        )
+        user.warn(f"{left_m2:.0f} square metres of the gaps remain open: no leg within the limits observes them")
     if not mission.plan.rule_met and target is not None:
-        user.warn(f"the mission does not reach {percent(target)}; the best one was written")
-    user.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}")
+        user.warn(f"no gap mission reaches {percent(target)}; the best one was written")
+    user.say(f"wrote {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}")
     return mission, document
 
 
@@ -154,9 +152,9 @@ def commands_after_gaps(run: RunFolder, request: GapRequest) -> list[str]:
         resume = to_paste("fly", folder, "--resume", "--to", "URL")
         upload = to_paste("upload", run.file("gap_mission.waypoints"), "--to", "URL", "--in-flight")
         commands = [
-            f"{resume}  # if the vehicle holds in the air: from its position",
+            f"{resume}  # if the vehicle is holding in the air: starts at its position",
             f"{upload}  # with a ground station, from the first item: starts where the last log ends",
-            f"{commands[0]}  # if the vehicle has landed: from home",
+            f"{commands[0]}  # if the vehicle has landed: starts at home",
             commands[1],
         ]
     logs = (*(request.logs or flown_tracks(run)), folder.file("track.csv"))
@@ -185,9 +183,9 @@ def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
         InputError: an area below 0, or a target outside 0..1.
     """
     if not min_area_m2 >= 0.0 or not math.isfinite(min_area_m2):
-        raise InputError(f"min area: {min_area_m2} square metres must not be negative")
+        raise InputError(f"min area: must not be negative, not {min_area_m2} square metres")
     if target is not None and not 0.0 < target <= 1.0:
-        raise InputError(f"target: {target} is not a fraction of the visible ground, above 0 and at most 1")
+        raise InputError(f"target: must be a fraction of the visible ground above 0 and at most 1, not {target}")
 
 
 def plan_gap_mission(
@@ -207,9 +205,7 @@ def plan_gap_mission(
     """
     check_gap_request(min_area_m2=min_area_m2, target=target)
     if site.home_m is None:
-        raise InputError(
-            f"scenario {site.scenario.name} has no [home]; a mission needs a take-off and landing position"
-        )
+        raise InputError(f"scenario {site.scenario.name} has no [home], where a mission takes off and lands")
     started = time.monotonic()
     coverage, seen = verdict.coverage, verdict.flown.seen
     missing = np.zeros(coverage.grid.count, dtype=bool)
@@ -220,12 +216,12 @@ def plan_gap_mission(
     eyes = map_for(coverage.site, site) if own_eyes else coverage
     missing &= eyes.coverable
     if not missing.any():
-        raise InfeasibleError("there are no gaps to close: no gap is visible and large enough")
+        raise InfeasibleError("there are no gaps to close: none is visible and large enough")
     needed_m2 = None
     if target is not None:
         lacking = target - coverage.share_of_coverable(seen)
         if lacking <= 0.0:
-            raise InfeasibleError(f"nothing to close: the flight has reached {100 * target:g} % already")
+            raise InfeasibleError(f"there are no gaps to close: the flight already reached {100 * target:g} %")
         needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
     start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
     closing = plan_closing_route(eyes, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
@@ -248,7 +244,7 @@ def _last_place_m(site: Site, track: Track) -> FloatArray:
         InputError: the scenario has no position on Earth.
     """
     if site.frame is None:
-        raise InputError(f"scenario {site.scenario.name} has no position on Earth, so there is no mission to fly")
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth; add an [origin]")
     lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
     place_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
     return place_m

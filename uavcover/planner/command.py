@@ -56,7 +56,7 @@ from uavcover.terrain.elevation_trust import trust_asked_for
 _QUICK_BOUNDS_S = 0.5
 """Bounds without a solver take about this long."""
 
-_FIRST_STOP = "stopping: the best route so far is being evaluated and written; press twice more to abort without it"
+_FIRST_STOP = "stopping: evaluating and writing the best route so far; press Ctrl-C twice more to abort"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +109,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         planner = dataclasses.replace(site.scenario.planner, rally=request.rally)
         site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, planner=planner))
     if request.autopilot is not None and site.scenario.vehicles:
-        raise InputError("--autopilot: each [[vehicle]] has its own autopilot; omit the option")
+        raise InputError("--autopilot: each [[vehicle]] has its own autopilot; omit this option")
     for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):
         check_site(own)
     check_site(site)
@@ -118,7 +118,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         check_fence(own, autopilot=own.scenario.vehicle.autopilot if site.scenario.vehicles else name)
     _check_heights(site, user)
     if request.bounds_s is not None and not loaded("uavcover.bounds"):
-        raise InputError("--bounds: no prover is installed; install uavcover with its extras")
+        raise InputError("--bounds: the extra bounds is not installed; reinstall uavcover with its extras")
     run = RunFolder(request.folder)
     started = time.monotonic()
     times = StageTimes(time.monotonic, request.budget_s)
@@ -152,7 +152,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
             shutil.rmtree(run.file(PARTS), ignore_errors=True)
     say_older(user, older)
     if refused is not None:
-        raise InfeasibleError(f"{refused}; {run.file('plan.json')} was written, but no mission files") from refused
+        raise InfeasibleError(f"{refused}; wrote {run.file('plan.json')}, but no mission files") from refused
     say_summary(user, site, result, flights)
     shown = bounds if request.bounds_s is not None else telling_bounds(site, bounds)
     say_plan(
@@ -162,7 +162,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     say_steps(user, site)
     say_hidden(user, site)
     if "shortest_path_m" in shown and (small := _objective_in_words(site)) is not None:
-        user.say(f"optimised for total mission {small} (the last column), not for the length of the route")
+        user.say(f"the plan is optimised for total mission {small} (the last column), not for route length")
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
         user.warn(warning)
     say_missions(user, run, compiled, sorties)
@@ -171,11 +171,11 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     say_window(user, site, flights)
     interrupted = result.interrupted or stops.any()
     if interrupted and not result.interrupted:
-        user.warn(f"interrupted after the search: the complete plan was written to {run}")
+        user.warn(f"interrupted after the search; the complete plan was written to {run}")
     short = _overlap_missed(site, result.chosen.route, sorties)
     if short is not None:
         user.warn(
-            f"{short}: verify would fail the flight; plan longer, require less overlap, or lower "
+            f"{short}, so verify would fail the flight; plan with a larger budget, require less overlap, or lower "
             "requirements.min_overlap_fraction"
         )
     code = INTERRUPTED if interrupted else 0 if result.rule_met and short is None else 1
@@ -270,9 +270,7 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
         return bounds(site)
     if groups_of(site.scenario):
         if request.bounds_s is not None:
-            user.warn(
-                "bounds apply to a single route, so none are computed for vehicles with their own parts of the area"
-            )
+            user.warn("no bounds are computed, because they apply to a single route, not to a divided area")
         return bounds(site)
     if request.bounds_s is None and request.budget_s is not None:
         limit = CommandTime(begun_s=request.begun_s or time.monotonic(), budget_s=request.budget_s)
@@ -280,7 +278,7 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
         return bounds(site, result, time_s=0.0) if in_time else bounds(site)
     if request.bounds_s is None:
         return bounds(site, result)
-    user.say(f"computing bounds for up to {request.bounds_s:g} s")
+    user.say(f"computing bounds (up to {request.bounds_s:g} s)")
     return bounds(site, result, time_s=request.bounds_s)
 
 

@@ -121,33 +121,35 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
             f"{number} at {start_s:.0f} s" for number, start_s in zip(row["sorties"], row["takeoffs_s"], strict=True)
         )
         left = row["least_battery_left"]
-        battery = "" if left is None else f", at least {100.0 * left:.0f} % of a battery left"
+        battery = "" if left is None else f", battery left at least {100.0 * left:.0f} %"
         user.say(
-            f"{_whose(document, row['vehicle'])} sorties {each}; in the air {row['flight_time_s']:.0f} s, landed at "
-            f"{row['landed_s']:.0f} s{battery}"
+            f"{_whose(document, row['vehicle'])} sorties {each}; flight time {row['flight_time_s']:.0f} s, last "
+            f"landing at {row['landed_s']:.0f} s{battery}"
         )
     flying = {row["vehicle"] for row in document["by_vehicle"]}
     idle = [] if document["alike"] else [k for k in range(1, document["vehicles"] + 1) if k not in flying]
     for number in idle:
         if document["launch_points"]:
-            user.say(f"{_whose(document, number)} no sorties: no flight from there is possible or shorter")
+            user.say(f"{_whose(document, number)} no sorties, because no flight from there is possible or shorter")
             continue
         user.say(f"vehicle {number:<2} stays on the ground, because it would not shorten the mission")
     if document["one_at_a_time"]:
-        user.say(f"one flight at a time: done after {document['makespan_s']:.0f} s")
+        user.say(f"one sortie at a time: mission completed after {document['makespan_s']:.0f} s")
         return
     waits = document["kept_apart_s"]
-    apart = f" (of that {waits:.0f} s to keep {document['separation_m']:g} m apart)" if waits >= 1.0 else ""
+    apart = (
+        f" (including {waits:.0f} s of waiting to keep {document['separation_m']:g} m of separation)"
+        if waits >= 1.0
+        else ""
+    )
     used = len(document["by_vehicle"])
     what = f"{used} vehicles" if used == document["vehicles"] else f"{used} of {document['vehicles']} vehicles"
     user.say(
-        f"{what}: done after {document['makespan_s']:.0f} s{apart}; one vehicle with the same sorties: "
-        f"{document['one_vehicle_s']:.0f} s (x {document['of_one_vehicle']:.2f})"
+        f"{what}: mission completed after {document['makespan_s']:.0f} s{apart}; with one vehicle and the same "
+        f"sorties: {document['one_vehicle_s']:.0f} s (x {document['of_one_vehicle']:.2f})"
     )
     if used < document["vehicles"] and document["alike"]:
-        user.warn(
-            "more vehicles would not finish sooner, because transits and separation take more time than they save"
-        )
+        user.warn("more vehicles would not shorten the mission, because transits and separation take too long")
 
 
 def _whose(document: dict[str, Any], vehicle: int) -> str:

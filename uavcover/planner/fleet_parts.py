@@ -85,8 +85,8 @@ def _shared_out(rest: Piece, groups: Sequence[tuple[Site, float]]) -> list[Piece
         pieces = divide(rest, len(groups), work, [groups[k][1] for k in order])
         if len(pieces) < len(groups):
             raise ScenarioError(
-                f"area: the remaining area for {len(groups)} sensors cannot be divided; assign areas to the "
-                "vehicles, or remove some"
+                f"area: cannot divide the remaining area among {len(groups)} sensors; assign areas to the vehicles, "
+                "or remove vehicles"
             )
         of_group = dict(zip(order, pieces, strict=True))
         away_m = sum(_away_m(own, of_group[k]) for k, (own, _) in enumerate(groups))

@@ -119,7 +119,7 @@ class _Division:
     def log(self) -> None:
         """Log the times of the parts."""
         _log.info(
-            "parts of %s ha: %s s, together %s",
+            "parts of %s ha take %s s, in total %s",
             [round(own.area.area / 1e4, 1) for own in self.parts],
             [round(plan.chosen.metrics.time_s) for plan in self.plans],
             [round(member.metrics.time_s) for member in self.combinations[0]] if self.combinations else None,

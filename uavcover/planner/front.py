@@ -56,14 +56,14 @@ class Snapshots:
 
 
 _ADVICE = {
-    "no elevation data": "provide elevation data around the area",
+    "no elevation data": "use elevation data that also covers the surroundings of the area",
     "too low": "widen limits.min_height_agl_m..max_height_agl_m or allow a larger limits.max_climb_angle_deg",
     "too high": "widen limits.min_height_agl_m..max_height_agl_m or allow a larger limits.max_climb_angle_deg",
     "below sea-level limit": "lower limits.min_alt_amsl_m",
     "above sea-level limit": "raise limits.max_alt_amsl_m",
     "climb": "allow a larger limits.max_climb_angle_deg",
     "fence": "use a larger fence",
-    "no-fly zone": "allow a smaller margin_m of the zone, or plan another area",
+    "no-fly zone": "allow a smaller margin_m of the zone, or change the area",
     "obstacle": "allow smaller obstacles.clearance_beside_m and clearance_above_m, or raise limits.max_height_agl_m",
 }
 
@@ -110,10 +110,10 @@ def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:
     )
     problems = problems or find_corner_problems(site, least.route.waypoints_m)
     worst = max(problems, key=_seriousness)
-    more = f", and {len(problems) - 1} similar or smaller violations" if len(problems) > 1 else ""
+    more = f", and has {len(problems) - 1} similar or smaller violations" if len(problems) > 1 else ""
     taken_off = _is_band(worst) and not worst.in_corner
     margin = f" (after limits.height_margin_m = {limits.height_margin_m:g} m)" if taken_off else ""
-    return f"no route meets the limits of the scenario; the best one violates: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
+    return f"no route meets the scenario's limits; the best route violates one: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
 
 
 def _is_band(problem: LegProblem) -> bool:

@@ -71,9 +71,7 @@ def plan_closing_route(
     builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m, is_over)
     builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
     if builder.seen_m2 < useful_m2:
-        raise InfeasibleError(
-            f"the gaps cannot be closed: at most {builder.seen_m2:.0f} of {useful_m2:.0f} m² can be covered"
-        )
+        raise InfeasibleError(f"cannot close the gaps: only {builder.seen_m2:.0f} of {useful_m2:.0f} m² is visible")
     if needed_m2 is not None:
         builder.drop_costly(needed_m2)
     builder.shorten()

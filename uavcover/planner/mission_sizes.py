@@ -41,8 +41,8 @@ def with_sizes(
     if site.frame is None or site.home_m is None:
         if rule.conditions:
             raise InputError(
-                f"select: {plan.rule!r} limits missions; {site.scenario.name} has no position on Earth or no "
-                "[home]; remove the conditions"
+                f"select: {plan.rule!r} has conditions on missions, but {site.scenario.name} has no position on "
+                "Earth or no [home]; remove the conditions"
             )
         return plan
     count = site.scenario.fleet.vehicles if vehicles is None else vehicles

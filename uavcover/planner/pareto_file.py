@@ -86,7 +86,7 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
     rows = csv.DictReader(io.StringIO(text))
     if tuple(rows.fieldnames or ()) not in (ROUTE_COLUMNS, (*ROUTE_COLUMNS, PART_COLUMN)):
         raise InputError(
-            f"{source}: line 1: the columns are not {', '.join(ROUTE_COLUMNS)}; create it again with: uavcover plan"
+            f"{source}: line 1: the columns must be {', '.join(ROUTE_COLUMNS)}; create the file again with: uavcover plan"
         )
     for line, row in enumerate(rows, start=2):
         try:
@@ -94,7 +94,7 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
             point = [float(row[name]) for name in ROUTE_COLUMNS[2:]]
             part = int(row.get(PART_COLUMN, 1))
         except (TypeError, ValueError) as error:
-            raise InputError(f"{source}: line {line}: {error}; create it again with: uavcover plan") from error
+            raise InputError(f"{source}: line {line}: {error}; create the file again with: uavcover plan") from error
         if number == 0:
             routes.append([])
             begins.append([])
@@ -102,9 +102,7 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
             begins[-1].append(number)
         in_order = bool(routes) and part == len(begins[-1]) + 1
         if not (in_order and index == len(routes) - 1 and number == len(routes[-1]) and np.isfinite(point).all()):
-            raise InputError(
-                f"{source}: line {line}: this is not the next waypoint; create it again with: uavcover plan"
-            )
+            raise InputError(f"{source}: line {line}: waypoints are out of order; create it again with: uavcover plan")
         routes[-1].append(point)
     return [Route(np.array(points), tuple(begin)) for points, begin in zip(routes, begins, strict=True)]
 
@@ -160,7 +158,7 @@ def trade_off_axis(
     times_s = [getattr(m, key) for m in members], [b.get(key) for b in baselines]
     if any(time_s is None for part in times_s for time_s in part):
         return TradeOffAxis(
-            "length of the route, km", False, tuple(m.path_length_m / 1000.0 for m in members),
+            "route length, km", False, tuple(m.path_length_m / 1000.0 for m in members),
             tuple(float(b["path_length_m"]) / 1000.0 for b in baselines),
         )  # fmt: skip
     minutes = [tuple(float(time_s or 0.0) / 60.0 for time_s in part) for part in times_s]
@@ -214,8 +212,8 @@ def _row(row: dict[str, str], *, where: str) -> ParetoRow:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{where}: this is not a member of a Pareto set ({error}); create it again with: uavcover plan"
+            f"{where}: cannot read the row as a member of a Pareto set ({error}); create the file again with: uavcover plan"
         ) from error
     if not (math.isfinite(member.coverage_of_coverable) and math.isfinite(member.path_length_m)):
-        raise InputError(f"{where}: a figure is not a finite number; create it again with: uavcover plan")
+        raise InputError(f"{where}: a value is not a finite number; create the file again with: uavcover plan")
     return member

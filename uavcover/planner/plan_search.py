@@ -151,7 +151,7 @@ def plan_and_site(
     """
     autopilot = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     if request.budget_s is not None and not request.budget_s > 0.0:
-        raise InputError(f"budget: {request.budget_s} s must be above 0")
+        raise InputError(f"budget: must be greater than 0, not {request.budget_s} s")
     begun_s = time.monotonic() if request.begun_s is None else request.begun_s
     limit = CommandTime(begun_s=begun_s, budget_s=request.budget_s, should_stop=should_stop)
     if request.budget_s is not None:
@@ -239,19 +239,19 @@ def _plan_one(
     known = algorithm is None or algorithm in planners
     if not known and isinstance(algorithm, str) and ":" not in algorithm and algorithm not in ALGORITHMS:
         raise InputError(
-            f"algorithm: {algorithm!r} is not one of {', '.join(planners)}; nor one of the optimizers "
-            f"{', '.join(name for name in ALGORITHMS if name not in planners)}; nor module:Class"
+            f"algorithm: unknown algorithm {algorithm!r}; use {', '.join(planners)}, one of the optimizers "
+            f"{', '.join(name for name in ALGORITHMS if name not in planners)}, or module:Class"
         )
     # Another optimizer stands in the place of a plain one.
     settings = _settings(site.scenario.planner, request, algorithm=algorithm if known else "imodbo")
     if workers is not None and workers < 1:
-        raise InputError(f"workers: {workers} must be at least 1")
+        raise InputError(f"workers: must be at least 1, not {workers}")
     rule = request.select if request.select is not None else site.scenario.select
     division = _division(site, settings, request)
     if division.parts > 1 and not known:
-        raise InputError(f"parts: {settings.parts} requires the planner's own local search, not another optimizer")
+        raise InputError(f"parts: {settings.parts} parts require local search; change algorithm, or set it to 1")
     if request.scheduler is not None and settings.parts == 1 and division.parts == 1:
-        raise InputError("--scheduler: the option distributes the parts of a large area; add --parts N or --parts auto")
+        raise InputError("--scheduler distributes the parts of a large area; add --parts N or --parts auto")
     if division.parts > 1:
         site = in_blocks(site)
         result = _large_areas("planner.parts").plan_divided(
@@ -267,7 +267,7 @@ def _plan_one(
         )
         return result, site
     if request.scheduler is not None:
-        _log.warning("--scheduler: the area is small and planned in one piece, in this process")
+        _log.warning("--scheduler has no effect: the area is small and is planned as one part in this process")
     latest_s = math.inf if budget_s is None else _LATE * budget_s
 
     def no_longer_than(ready: Callable[[], bool]) -> AbstractContextManager[None]:
@@ -308,7 +308,7 @@ def _large_areas(option: str) -> LargeAreas:
     """
     for large_areas in loaded("uavcover.large_areas").values():
         return cast(LargeAreas, large_areas)
-    raise InputError(f"{option}: planning in parts is not installed; install uavcover with its extras")
+    raise InputError(f"{option}: the extra large_areas is not installed; reinstall uavcover with its extras")
 
 
 def _settings(base: PlannerSettings, request: SearchRequest, *, algorithm: str | type | None) -> PlannerSettings:

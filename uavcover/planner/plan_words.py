@@ -57,7 +57,7 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
             f"{len(flights)} flight{'s' if len(flights) > 1 else ''}, {math.fsum(flown_s) / 60.0:.1f} min in the air"
         )
         if len(flights) > 1:
-            words += f", done after {makespan_s(site, flights) / 60.0:.1f} min including battery changes"
+            words += f", completed after {makespan_s(site, flights) / 60.0:.1f} min including battery changes"
         used = [flight.compiled.battery_used for flight in flights]
         shares = [f"{share:.0%}" for share in used if share is not None]
         user.say(f"{'mission':22}{words}" + (f", {_listed(shares)} of a battery" if shares else ""))
@@ -113,9 +113,9 @@ def say_plan(
     for line in bounds:
         user.say(line)
     if not result.rule_met:
-        user.warn(f"no route meets {asked}; the best one was written")
+        user.warn(f"no route meets {asked}; wrote the best one. Lower the requirement, or use a larger --budget")
     if result.interrupted:
-        user.warn(f"interrupted: the best route so far was written to {run}")
+        user.warn(f"interrupted; the best route so far was written to {run}")
 
 
 def telling_bounds(site: Site, bounds: dict[str, Any]) -> dict[str, Any]:
@@ -132,18 +132,16 @@ def telling_bounds(site: Site, bounds: dict[str, Any]) -> dict[str, Any]:
 def say_older(user: User, older: RunFolder | None) -> None:
     """Say where a plan that was flown is, when another one has taken its place."""
     if older is not None:
-        user.warn(f"the previous plan was flown: it is now in {older}, with its flight and its verdict")
+        user.warn(f"moved the previous plan, which was flown, to {older}, with its flight and verdict")
 
 
 def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:
     """Say which mission files there are, and from where the autopilot's own return is not safe."""
     if compiled is not None:
         _say_return(user, compiled, "")
-        user.say(
-            f"written: {run.file('mission.waypoints')}, with mission.plan, fence, rally and kml in the same folder"
-        )
+        user.say(f"wrote {run.file('mission.waypoints')}, with mission.plan, fence, rally and kml in the same folder")
     elif not sorties:
-        user.say("the scenario has no position on Earth: no mission files (add an [origin] and a [home])")
+        user.say("wrote no mission files, because the scenario is not on Earth; add an [origin] and a [home]")
         return
     for number, sortie in enumerate(sorties, start=1):
         used = sortie.compiled.battery_used
@@ -154,7 +152,7 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         )
         _say_return(user, sortie.compiled, f"sortie {number}: ")
     if sorties:
-        user.say(f"written: {run.file('sortie-1')} and so on; upload and fly each of them with --sortie N")
+        user.say(f"wrote {run.file('sortie-1')} and the folders of the other sorties; fly each with --sortie N")
 
 
 def upload_in_words(run: RunFolder, fleet: dict[str, Any] | None, sorties: int) -> str:
@@ -183,7 +181,7 @@ def say_size(user: User, plan: Plan) -> None:
 def sizes_by_vehicles_in_words(sizes: Sequence[dict[str, Any]]) -> str:
     """The same route by fewer vehicles and by all, as ``mission.by_vehicles`` of ``plan.json`` has it; empty for one number."""
     each = [f"{size['vehicles']} in {size['makespan_s']:.0f} s (sorties: {size['sorties']})" for size in sizes]
-    return f"the same route by number of vehicles: {', '.join(each)}" if len(each) > 1 else ""
+    return f"mission time of this route by number of vehicles: {', '.join(each)}" if len(each) > 1 else ""
 
 
 def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
@@ -194,18 +192,13 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
         names = ", ".join(repr(zone.name) for zone in site.other_zones[:_SHOWN_ZONES])
         more = f" and {len(site.other_zones) - _SHOWN_ZONES} more" if len(site.other_zones) > _SHOWN_ZONES else ""
         user.say(
-            f"no-fly zones that are not active from {window_in_words(window)} and do not count: {names}{more}; fly "
+            f"no-fly zones that are inactive from {window_in_words(window)} and were ignored: {names}{more}; fly "
             "only during this time"
         )
     if timed and window is None:
-        user.say(
-            f"{timed} of the no-fly zones nearby have schedules and count as always active; state the time of the "
-            "flight with --at"
-        )
+        user.say(f"{timed} nearby no-fly zones have schedules, but are treated as always active; set --at")
     for zone in area.closed[:_SHOWN_ZONES]:
-        partly = (
-            "; end the height band below its floor or above its ceiling to fly there" if zone in area.partly else ""
-        )
+        partly = "; to fly there, use a height band below its floor or above its ceiling" if zone in area.partly else ""
         user.say(
             f"no-fly zone {zone.name!r}, {zone.heights_in_words()}: the route keeps a distance of "
             f"{zone.entry.margin_m:g} m{partly}"
@@ -234,10 +227,9 @@ def say_steps(user: User, site: Site) -> None:
         return
     enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
     user.warn(
-        f"the ground has cliffs that no leg can cross inside the height band, and {percent(beyond)} of the "
-        "area is next to or behind them; the route stays on one side. To cross them, set "
-        f"limits.max_height_agl_m to at least {enough_m}; or "
-        "plan each side with its own [home]"
+        f"no leg can cross the terrain's cliffs within the height band, and {percent(beyond)} of the area is next to "
+        "or behind them; the route stays on one side. To cross the cliffs, set limits.max_height_agl_m to at least "
+        f"{enough_m}, or plan each side with its own [home]"
     )
 
 
@@ -260,10 +252,7 @@ def say_hidden(user: User, site: Site) -> None:
     """Say what the surface model hides."""
     share = judging_map(site).grid.hidden_share
     if share > 0.0:
-        user.say(
-            f"trees and roofs of the surface model hide {percent(share)} of the ground: it is not visible from the air, and no "
-            "route can cover it"
-        )
+        user.say(f"trees and roofs of the surface model hide {percent(share)} of the ground, so no route can cover it")
 
 
 def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
@@ -274,7 +263,7 @@ def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
     return (
         f"the route comes within {max(0.0, room_m):.1f} m of the limits of its height above ground "
         f"({limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m); no vehicle flies this accurately, so "
-        "verify may fail: increase limits.height_margin_m (the demo's scenario has 8 m)"
+        "verify may fail the flight; increase limits.height_margin_m (the demo uses 8 m)"
     )
 
 
@@ -282,13 +271,13 @@ def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
     advice = compiled.return_advice
     for zone in compiled.zones_left_out:
         user.warn(
-            f"{which}no-fly zone {zone.name!r} ({zone.heights_in_words()}) is not in the uploaded fence: the mission passes over "
-            "or under it, and a fence has neither floors nor ceilings"
+            f"{which}no-fly zone {zone.name!r} ({zone.heights_in_words()}) is not in the uploaded fence, because the "
+            "mission passes over or under it, and a fence has no floor or ceiling"
         )
     for line in advice.sentences[:_MOST_RETURNS]:
         user.warn(f"{which}the autopilot's own return is not safe {line}")
     if len(advice.sentences) > _MOST_RETURNS:
-        user.warn(f"{which}{len(advice.sentences) - _MOST_RETURNS} more such parts of the flight are in the report")
+        user.warn(f"{which}{len(advice.sentences) - _MOST_RETURNS} more unsafe returns are listed in the report")
     if advice.sentences:
         user.warn(f"{which}{advice.remedy}")
 

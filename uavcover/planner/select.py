@@ -37,11 +37,12 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
     makers = [entry.made_by for entry in read_pareto(run.existing("pareto.csv", made_by="uavcover plan"))]
     if len(makers) != len(routes):
         raise InputError(
-            f"{path}: the file has {len(routes)} routes, but pareto.csv has {len(makers)}; create both again with: uavcover plan"
+            f"{path}: the file has {len(routes)} routes, but pareto.csv has {len(makers)}; create both files again "
+            "with: uavcover plan"
         )
     groups = len(groups_of(site.scenario)) or 1
     if any(len(route.parts) != groups for route in routes):
-        raise InputError(f"{path}: the number of parts of a route is not {groups}; create it again with: uavcover plan")
+        raise InputError(f"{path}: each route must have {groups} parts; create the file again with: uavcover plan")
     return [judge_route(site, route, maker, margin_m=0.0) for route, maker in zip(routes, makers, strict=True)]
 
 
@@ -73,8 +74,8 @@ def choose(
         seed, bounds, baselines = int(document["seed"]), dict(document["bounds"]), list(document["baselines"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: the file is not a plan ({type(error).__name__}: {error}); create it again "
-            "with: uavcover plan"
+            f"{run.file('plan.json')}: cannot read the file as a plan ({type(error).__name__}: {error}); create it "
+            "again with: uavcover plan"
         ) from error
     vehicles = read_plan_document(document, source=str(run.file("plan.json"))).vehicles
     result = with_sizes(site, result, autopilot=autopilot, vehicles=vehicles)

@@ -73,16 +73,16 @@ def parse_rule(text: str) -> Rule:
         return _parse_choice(rest)
     names = [condition.what for condition in conditions]
     if len(set(names)) < len(names):
-        raise InputError(f"select: {text!r} has two conditions of one kind; use only the smaller one")
+        raise InputError(f"select: {text!r} has two conditions of the same kind; keep only the stricter one")
     choice = _parse_choice(rest or "max-coverage")
     if choice.kind == "index":
-        raise InputError(f"select: {text!r} names one route; remove the conditions")
+        raise InputError(f"select: {text!r} selects a single route; remove the conditions")
     return replace(choice, text=text.strip(), conditions=tuple(conditions))
 
 
 def _condition(what: str, limit: str, text: str) -> Condition:
     if what not in {"sorties", "vehicles", "done"}:
-        raise InputError(f"select: {text!r}: {what!r} is not a condition; use sorties<=N, vehicles<=N or done<=TIME")
+        raise InputError(f"select: {text!r}: unknown condition {what!r}; use sorties<=N, vehicles<=N or done<=TIME")
     number, unit = (limit[:-1], limit[-1]) if what == "done" and limit[-1:] in _SECONDS else (limit, "s")
     try:
         most = float(number) * _SECONDS[unit]
@@ -90,7 +90,7 @@ def _condition(what: str, limit: str, text: str) -> Condition:
         most = -1.0
     if not 0.0 < most < math.inf or (what != "done" and not most.is_integer()):
         example = "a time such as 40m, 1200s or 1.5h" if what == "done" else "a whole number of at least 1"
-        raise InputError(f"select: {text!r}: {what}<= needs {example}")
+        raise InputError(f"select: {text!r}: {what}<= requires {example}")
     return Condition(what, most)
 
 
@@ -105,7 +105,7 @@ def _parse_choice(text: str) -> Rule:
         except ValueError:
             weights = ()
         if len(weights) != 3 or min(weights, default=-1.0) < 0.0 or not 0.0 < sum(weights) < np.inf:
-            raise InputError(f"select: {text!r} needs three weights, none negative, as in weighted:0.6,0.2,0.2")
+            raise InputError(f"select: {text!r} requires three weights of at least 0, such as weighted:0.6,0.2,0.2")
         return Rule(rule, "weighted", weights)
     if match := _COVERAGE.fullmatch(rule):
         try:
@@ -113,12 +113,12 @@ def _parse_choice(text: str) -> Rule:
         except ValueError:
             share = -1.0
         if not 0.0 <= share <= 1.0:
-            raise InputError(f"select: {text!r} needs a fraction between 0 and 1, as in coverage>=0.95")
+            raise InputError(f"select: {text!r} requires a fraction between 0 and 1, such as coverage>=0.95")
         return Rule(rule, "coverage", (share,))
     if match := _INDEX.fullmatch(rule):
         return Rule(rule, "index", (float(match["index"]),))
     raise InputError(
-        f"select: {text!r} is not a rule; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N, "
+        f"select: unknown rule {text!r}; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N, "
         "followed by conditions (,sorties<=N ,vehicles<=N ,done<=TIME)"
     )
 
@@ -170,9 +170,7 @@ def _select(members: Sequence[RouteMember], rule: Rule, costs: Sequence[float]) 
     if rule.kind == "index":
         index = int(rule.numbers[0])
         if index >= len(members):
-            raise InputError(
-                f"select: index:{index} is outside the set of {len(members)} members (0..{len(members) - 1})"
-            )
+            raise InputError(f"select: index:{index} does not exist; the set has the members 0 to {len(members) - 1}")
         return Choice(index, met=True)
     if rule.kind == "coverage":
         enough = np.flatnonzero(coverage >= rule.numbers[0])

@@ -21,7 +21,7 @@ _BACKGROUND_RGB = (18, 20, 26)
 _EARTH_CIRCUMFERENCE_M = 40_075_016.0
 
 LEGEND_TEXT = """
-| colour | what |
+| colour | meaning |
 |---|---|
 | green | observed cells |
 | grey | cells not observed yet |
@@ -35,8 +35,8 @@ LEGEND_TEXT = """
 | orange outline | the fence |
 | violet blocks | obstacles |
 | magenta outlines | no-fly zones: floor, ceiling, corners |
-| red line over the heights | the highest height allowed above ground |
-| violet line over the heights | the lowest height allowed above ground |
+| red line over the heights | the maximum height above ground |
+| violet line over the heights | the minimum height above ground |
 """
 
 

@@ -95,15 +95,15 @@ def log_series(recording: rr.RecordingStream, coverage: CoverageMap, track: Trac
     on_route = np.flatnonzero(track.current_waypoint >= 1)
     ends = [on_route[0], on_route[-1]] if on_route.size else [0, -1]
     for entity, name, height_m, rgb in (
-        (layout.HEIGHT_MIN, "lowest allowed", limits.min_height_agl_m, layout.FLOOR_RGB),
-        (layout.HEIGHT_MAX, "highest allowed", limits.max_height_agl_m, layout.CEILING_RGB),
+        (layout.HEIGHT_MIN, "minimum allowed", limits.min_height_agl_m, layout.FLOOR_RGB),
+        (layout.HEIGHT_MAX, "maximum allowed", limits.max_height_agl_m, layout.CEILING_RGB),
     ):
         _log_series(recording, entity, track.time_s[ends], np.full(2, height_m), name=name, rgb=rgb)
     if len(track) > 1:
         velocity_m_s = np.gradient(track.enu_m, track.time_s, axis=0)
         ground_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
         for entity, name, speed_m_s, rgb in (
-            (layout.GROUND_SPEED, "over ground, m/s", ground_m_s, layout.FLOWN_RGB),
+            (layout.GROUND_SPEED, "ground speed, m/s", ground_m_s, layout.FLOWN_RGB),
             (layout.CLIMB_SPEED, "climb, m/s", velocity_m_s[:, 2], layout.FOOTPRINT_RGB),
         ):
             _log_series(recording, entity, track.time_s, speed_m_s, name=name, rgb=rgb)

@@ -56,21 +56,21 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
         if chunk.is_static:
             count = next((int(values[0]) for values in _columns(chunk, (layout.SAMPLE_COUNT,)).values()), count)
             if _columns(chunk, (layout.UNFINISHED,)):
-                warning = (f"{path}: the recording ends in flight; the recorded part is used",)
+                warning = (f"{path}: the recording ends in flight; only the recorded part is used",)
         else:
             part = _columns(chunk, (*COLUMNS, *OPTIONAL_COLUMNS))
             parts += [part] if part.keys() >= {*COLUMNS} else []
     if warning and not parts:
         raise RecordingError(f"{path}: the recording ends before its first sample; use track.csv in the same folder")
     if (count is None and not warning) or not parts:
-        raise RecordingError(f"{path}: the recording has no uavcover track")
+        raise RecordingError(f"{path}: the recording contains no uavcover track")
     columns = {
         name: np.concatenate([part.get(name, np.full(part["time_s"].size, np.nan)) for part in parts])
         for name in (*COLUMNS, *OPTIONAL_COLUMNS)
     }
     order = np.argsort(columns["time_s"], kind="stable")
     if count is not None and order.size != count:
-        raise RecordingError(f"{path}: the recording is damaged: {order.size} of {count} samples of the track remain")
+        raise RecordingError(f"{path}: the recording is damaged: only {order.size} of {count} track samples are left")
     columns = {name: values[order] for name, values in columns.items()}
     track = Track(
         time_s=columns["time_s"],
@@ -128,8 +128,8 @@ def _chunks(path: Path) -> Iterator[Chunk]:
             return
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordingError(
-            f"{path}: this is not a complete rerun recording ({reason}); if its writer was killed, `rerun rrd "
-            f"optimize {path} -o repaired.rrd` keeps the written part"
+            f"{path}: this is not a complete rerun recording ({reason}); if the program that wrote it was killed, "
+            f"`rerun rrd optimize {path} -o repaired.rrd` recovers the written part"
         ) from error
 
 

@@ -29,8 +29,8 @@ PICTURE_SIZE = (1600, 1000)
 
 Answer = TypeVar("Answer")
 _NO_DRIVER = (
-    "no graphics driver: the screenshot needs Vulkan; a software driver is sufficient (Debian and Ubuntu: apt-get "
-    "install mesa-vulkan-drivers libvulkan1)"
+    "no graphics driver found; a screenshot requires Vulkan, and a software driver is sufficient (Debian and Ubuntu: "
+    "apt-get install mesa-vulkan-drivers libvulkan1)"
 )
 
 
@@ -72,9 +72,9 @@ def open_live_viewer() -> str:
 def _require_screen(what: str) -> None:
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RecordingError(
-            f"{what}: no display available (neither DISPLAY nor WAYLAND_DISPLAY is set); make a screenshot with "
-            "`uavcover inspect RUN --screenshot FILE.png`, or copy the file to a machine with a display and open it there "
-            "with `rerun flight.rrd`"
+            f"{what}: no display available (neither DISPLAY nor WAYLAND_DISPLAY is set); take a screenshot with "
+            "`uavcover inspect RUN --screenshot FILE.png`, or copy the file to a machine with a display and open it "
+            "there with `rerun flight.rrd`"
         )
 
 
@@ -92,7 +92,7 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
     """
     path, png = Path(path), Path(png)
     if not 0.0 <= at_share <= 1.0:
-        raise RecordingError(f"at_share: {at_share} is outside 0..1")
+        raise RecordingError(f"at_share: must be between 0 and 1, not {at_share}")
     check_finished(path)
     unfinished = png.with_name(f".{os.getpid()}.{png.stem}.png")
     try:
@@ -181,8 +181,8 @@ def _load(client: ViewerClient, path: Path) -> tuple[int, int]:
                         return timeline.start, timeline.end if timeline.end is not None else timeline.start
             time.sleep(VIEWER.poll_s)
     except Exception as error:
-        raise RecordingError(f"{path}: the viewer could not show it ({_first_line(error)})") from error
-    raise RecordingError(f"{path}: the viewer did not load it within {VIEWER.load_timeout_s:.0f} s")
+        raise RecordingError(f"{path}: the viewer could not show the recording ({_first_line(error)})") from error
+    raise RecordingError(f"{path}: the viewer did not load the recording within {VIEWER.load_timeout_s:.0f} s")
 
 
 def _save_picture(client: ViewerClient, path: Path, png: Path, moment_s: float) -> None:
@@ -192,9 +192,9 @@ def _save_picture(client: ViewerClient, path: Path, png: Path, moment_s: float) 
         time.sleep(VIEWER.settle_s)
         client.save_screenshot(str(png.resolve()))
     except Exception as error:
-        raise RecordingError(f"{path}: the viewer could not make the screenshot ({_first_line(error)})") from error
+        raise RecordingError(f"{path}: the viewer could not take the screenshot ({_first_line(error)})") from error
     if png.stat().st_size == 0:
-        raise RecordingError(f"{path}: the viewer made an empty screenshot")
+        raise RecordingError(f"{path}: the viewer took an empty screenshot")
 
 
 def _start_viewer(arguments: list[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
@@ -210,7 +210,7 @@ def _start_viewer(arguments: list[str], log: IO[bytes]) -> subprocess.Popen[byte
             start_new_session=True,
         )
     except OSError as error:
-        raise RecordingError(f"the rerun viewer cannot be started ({error.strerror or error})") from error
+        raise RecordingError(f"cannot start the rerun viewer ({error.strerror or error})") from error
 
 
 def _viewer_program() -> Path:
@@ -232,7 +232,7 @@ def _failure(log: IO[bytes], code: int) -> str:
     if any("graphics adapter" in line or "render context" in line for line in lines):
         return _NO_DRIVER
     telling = [line for line in lines if "panicked" in line or "error" in line.lower()] or lines[-1:]
-    return f"the viewer ended with code {code}" + (f" ({telling[0]})" if telling else "")
+    return f"the viewer ended with exit code {code}" + (f" ({telling[0]})" if telling else "")
 
 
 def _free_port() -> int:

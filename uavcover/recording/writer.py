@@ -94,7 +94,7 @@ def _check(coverage: CoverageMap, track: Track, first_seen_s: NDArray[np.float64
     standing = np.flatnonzero(~(np.diff(track.time_s) > 0.0))
     if standing.size or not np.isfinite(track.time_s[0]):
         where = int(standing[0]) + 1 if standing.size else 0
-        raise RecordingError(f"the track's time does not increase at sample {where}")
+        raise RecordingError(f"the time of the track does not increase at sample {where}")
     if first_seen_s.shape != (coverage.grid.count,):
         raise RecordingError(
             f"first_seen_s has shape {first_seen_s.shape}, not one time for each of {coverage.grid.count} cells"
@@ -102,7 +102,7 @@ def _check(coverage: CoverageMap, track: Track, first_seen_s: NDArray[np.float64
     seen_s = first_seen_s[np.isfinite(first_seen_s)]
     if seen_s.size and not (track.time_s[0] <= seen_s.min() and seen_s.max() <= track.time_s[-1]):
         raise RecordingError(
-            f"first_seen_s reaches from {seen_s.min():g} to {seen_s.max():g} s, outside the flight from "
+            f"first_seen_s reaches from {seen_s.min():g} to {seen_s.max():g} s, outside the flight, which lasts from "
             f"{track.time_s[0]:g} to {track.time_s[-1]:g} s"
         )
 

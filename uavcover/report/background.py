@@ -67,7 +67,7 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
         InputError: the file cannot be used, and why.
     """
     if site.frame is None:
-        raise InputError("--background: the scenario has no position on Earth, so it cannot have a background map")
+        raise InputError("--background: the scenario has no position on Earth; omit this option")
     if not path.is_file():
         raise InputError(f"--background: {path}: no such file; use a GeoTIFF or MBTiles file")
     west, south, east, north = bounds_m
@@ -87,8 +87,8 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
     except (rasterio.errors.RasterioError, ProjError, sqlite3.Error, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"--background: {path}: the file cannot be read as GeoTIFF or MBTiles ({reason}); export the map again "
-            "as one of these"
+            f"--background: {path}: cannot read the file as GeoTIFF or MBTiles ({reason}); export the map again in "
+            "one of these formats"
         ) from error
     warped = _warped(picture, size)
     if not warped[..., 3].any():
@@ -123,11 +123,11 @@ def _of_geotiff(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, i
     # No other driver: a VRT, for one, may name files on the network.
     with rasterio.open(path.resolve(), driver="GTiff") as dataset:
         if dataset.crs is None:
-            raise InputError(f"--background: {path}: the file has no coordinate system; save it as a GeoTIFF with one")
+            raise InputError(f"--background: {path}: the file has no coordinate system; save it with a system")
         if any(kind != "uint8" for kind in dataset.dtypes):
             raise InputError(
-                f"--background: {path}: the bands of the file are {', '.join(sorted(set(dataset.dtypes)))}, not 8 "
-                "bits; convert it with: gdal_translate -ot Byte -scale IN OUT"
+                f"--background: {path}: the file's bands are {', '.join(sorted(set(dataset.dtypes)))}, not 8 bits; "
+                "convert the file with: gdal_translate -ot Byte -scale IN OUT"
             )
         to_file = Transformer.from_crs(4326, dataset.crs.to_wkt(), always_xy=True)
         column, row = _finite(_pixels(dataset, to_file, lat, lon))
@@ -166,12 +166,10 @@ def _of_mbtiles(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, i
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
         facts = {str(name): str(value) for name, value in database.execute("SELECT name, value FROM metadata")}
         if facts.get("format", "png").lower() in {"pbf", "mvt"}:
-            raise InputError(
-                f"--background: {path}: the file has vector tiles, which are not images; use raster MBTiles (PNG, JPEG)"
-            )
+            raise InputError(f"--background: {path}: vector tiles are not supported; use raster MBTiles (PNG, JPEG)")
         zooms = [int(z) for (z,) in database.execute("SELECT DISTINCT zoom_level FROM tiles ORDER BY zoom_level")]
         if not zooms:
-            raise InputError(f"--background: {path}: the file has no tiles")
+            raise InputError(f"--background: {path}: the file contains no tiles")
         x, y = _mercator_shares(lat, lon)
         zoom = _zoom(x, y, zooms, size)
         tiles = 2**zoom
@@ -208,9 +206,7 @@ def _mosaic(
     """Tiles from the first to the last (column, row from the north) side by side, and the pixels along a tile."""
     columns, rows = last[0] - first[0] + 1, last[1] - first[1] + 1
     if columns * rows > BACKGROUND.most_tiles:
-        raise InputError(
-            f"--background: {path}: the coarsest zoom level has too many tiles for the map; use a file with lower zoom levels"
-        )
+        raise InputError(f"--background: {path}: even its lowest zoom has too many tiles; use a file with lower levels")
     out, pixels = np.zeros((rows, columns, 4), dtype=np.uint8), 1
     for column in range(columns):
         for row in range(rows):
@@ -236,7 +232,7 @@ def _mosaic(
 def _tile(data: object, path: Path, place: tuple[int, int, int]) -> ByteArray:
     where = f"--background: {path}: tile {place} (zoom, column, row)"
     if not isinstance(data, bytes):
-        raise InputError(f"{where} is not an image")
+        raise InputError(f"{where} is not an image; export the map again")
     try:
         with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as picture:
             width, height = picture.size
@@ -260,7 +256,7 @@ def _pixels(
 
 def _finite(values: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
     if not all(np.isfinite(part).all() for part in values):
-        raise InputError("--background: the file's coordinate system does not reach the location of the map")
+        raise InputError("--background: the file's coordinate system does not cover the map's location")
     return values
 
 

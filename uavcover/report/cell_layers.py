@@ -43,9 +43,9 @@ _REASON_RGB: tuple[Rgb, ...] = (
 )
 REASON_WORDS = {
     "never-in-range": "never in range and field of view",
-    "too-oblique": "observed at too flat an angle",
+    "too-oblique": "observed only at too flat an angle",
     "occluded": "hidden by terrain or obstacles",
-    "out-of-limits": "not visible from inside the limits",
+    "out-of-limits": "not visible from any position within the limits",
     "too-coarse": "ground sample distance too large",
     "too-few-looks": "too few observations",
     "attitude-not-known": "possibly observed, but the camera direction is unknown",
@@ -108,7 +108,7 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
             ("first-seen", "First observation", (flown.first_seen_s - start_s) / 60.0, "cividis", label("{:.1f} min")),
             ("sample", "Ground sample distance", 100.0 * sample_m, "plasma_r", label("{:.1f} cm")),
             ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", label("{:.0f}°")),
-            ("distance", "Shortest distance", flown.nearest_m, "plasma_r", label("{:.0f} m")),
+            ("distance", "Minimum distance", flown.nearest_m, "plasma_r", label("{:.0f} m")),
         )
     ]
 
@@ -190,8 +190,8 @@ def coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
         kinds.append((SEEN_RGB, "observed", flown.seen))
     else:
         kinds.append((POSSIBLE_RGB, "possibly observed", flown.possibly_seen))
-        kinds.append((SEEN_RGB, "observed, but not surely", flown.seen))
-        kinds.append((SURE_RGB, "surely observed", flown.surely_seen))
+        kinds.append((SEEN_RGB, "probably observed", flown.seen))
+        kinds.append((SURE_RGB, "certainly observed", flown.surely_seen))
     return _classes_layer(coverage, "coverage", "Coverage", kinds)
 
 

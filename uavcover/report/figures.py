@@ -36,7 +36,7 @@ def save_figures(content: ReportContent, folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: the folder cannot be created ({error.strerror or error})") from error
+        raise OutputError(f"{folder}: cannot create the folder ({error.strerror or error})") from error
     drawn = [(_side_view(content), FIGURE_NAMES[0]), (_top_view(content), FIGURE_NAMES[1])]
     return [_save(figure, folder / name) for figure, name in drawn]
 

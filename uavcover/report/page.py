@@ -279,7 +279,7 @@ def save_report(
     write_text(path, text)
     if of_run:
         note_files(run, "report", [REPORT_FILE], command=sys.argv)
-    user.say(f"written: {path} ({len(text.encode()) / 1e6:.1f} MB)")
+    user.say(f"wrote {path} ({len(text.encode()) / 1e6:.1f} MB)")
     return content
 
 
@@ -304,15 +304,12 @@ def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
     accepted = set() if verdict is None else accepted_in(verdict)
     left = replace(inputs, changes=tuple(c for c in inputs.changes if c not in accepted))
     refuse_changes(run, left, (), who_accepts=to_paste("verify", run))
-    notices = [f"a change since planning or flight was accepted: {change}" for change in inputs.changes]
+    notices = [f"accepted change since planning or flight: {change}" for change in inputs.changes]
     notices += [unsealed_in_words(name) for name in inputs.unsealed]
     if flown and verdict is None:
-        notices.append("the run folder contains no verdict of uavcover verify, so this report computes its own")
+        notices.append("the run folder contains no verdict from uavcover verify, so this report contains its own")
     elif verdict is not None and not same_inputs(verdict, inputs):
-        notices.append(
-            "verification.json was computed from inputs that differ from those of this report; run "
-            "uavcover verify again"
-        )
+        notices.append("verification.json was computed from different inputs; run uavcover verify again")
     return notices
 
 
@@ -326,7 +323,10 @@ def draw_figures(content: ReportContent, folder: Path, user: User, *, force: boo
 
     there = [name for name in FIGURE_NAMES if (folder / name).exists()]
     if there and not force:
-        raise OutputError(f"{folder}: {', '.join(there)} would be overwritten; use --force, or another folder")
+        raise OutputError(
+            f"{folder}: this folder already contains {', '.join(there)}; use --force to overwrite, or "
+            "choose another folder"
+        )
     drawn = save_figures(content, folder)
-    user.say(f"written: {', '.join(str(path) for path in drawn)}")
+    user.say(f"wrote {', '.join(str(path) for path in drawn)}")
     return drawn

@@ -83,7 +83,7 @@ def height_over_time(content: ReportContent, verdict: Verdict) -> Chart:
     keys = [Key("violation", "violation", is_mark=True)] if verdict.report.violations else []
     which = "" if len(flights) == 1 else f", {len(flights)} consecutive flights"
     return plot.finished(
-        "height", f"Height above ground in flight{which}", x_label="minutes of flight", y_label="m", mark_keys=keys
+        "height", f"Height above ground in flight{which}", x_label="flight time, minutes", y_label="m", mark_keys=keys
     )
 
 
@@ -110,7 +110,7 @@ def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
         own = np.concatenate([ends[:1], inside, ends[1:]])
         name = "observed, of the area" + ("" if len(flights) == 1 else f", {flight.name}")
         plot.line(flight_style(number), own / 60.0, np.interp(own, times, seen), name=name)
-    return plot.finished("coverage", "Coverage over time", x_label="minutes of flight", y_label="%")
+    return plot.finished("coverage", "Coverage over time", x_label="flight time, minutes", y_label="%")
 
 
 def pareto_front(content: ReportContent) -> tuple[Chart, ...]:
@@ -203,7 +203,7 @@ def _size(mission: MissionSize | None) -> str:
     if mission is None or mission.sorties == 1:
         return ""
     vehicles = f" of {mission.vehicles} vehicles" if mission.vehicles > 1 else ""
-    return f", {mission.sorties} sorties{vehicles}, done after {mission.makespan_s:.0f} s"
+    return f", {mission.sorties} sorties{vehicles}, completed after {mission.makespan_s:.0f} s"
 
 
 def _largest(values: FloatArray) -> float:
