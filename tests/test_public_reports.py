@@ -314,13 +314,19 @@ def tiles_that_meet_at_180_degrees(folder: Path) -> str:
 REPORTS = (
     Report("a hole on the outline's edge is filled", hole_on_the_edge, r"^91 .* ha before, .* ha after.$"),
     Report("holes that overlap are half filled", holes_that_overlap, r"^72 .* ha before, .* ha after.$"),
-    Report("a hole takes all of the area", hole_that_takes_all, "nothing is left of the area inside its holes; remove"),
+    Report(
+        "a hole takes all of the area",
+        hole_that_takes_all,
+        "the holes cover the whole area; remove some of them; remove",
+    ),
     Report(
         "a void filled with 0 reads as ground", void_filled_with_zero, "^a block .* of exactly 0 m whose rim is at 7"
     ),
     Report("a warp's collar reads as ground", warp_collar, "^a block .* of exactly 0 m whose rim is at"),
     Report(
-        "tiles do not fit", tile_in_feet_beside_one_in_metres, "^a straight step of 1.* m over 1.* m, as between tiles"
+        "tiles do not fit",
+        tile_in_feet_beside_one_in_metres,
+        "^a straight step of 1.* m over 1.* m, as between mismatched tiles",
     ),
     Report("a narrow sensor counts only spots of its swath", narrow_sensor, "^(9[5-9]|100) %$"),
     Report("the sea has no data, or no tile", sea_without_data, r"^\[0\. 0\.\] \(\)$"),
@@ -330,7 +336,7 @@ REPORTS = (
     Report(
         "a ground station counts as a vehicle", station_with_a_position, "^40 positions; .*choose one with --system$"
     ),
-    Report("a log has GPS positions alone", log_without_an_estimate, "the positions of its receiver are used"),
+    Report("a log has GPS positions alone", log_without_an_estimate, "using its receiver's positions"),
     Report(
         "semicolons, quoted headers and decimal commas",
         table_of_another_country,
@@ -339,7 +345,7 @@ REPORTS = (
     Report(
         "a take-off in row 0 becomes a home of 50 m",
         take_off_in_row_0,
-        r"^None \[22, 16\] the first row is command 22 and not home: it is kept as item 1, and the mission has no home$",
+        r"^None \[22, 16\] the first row is command 22, not home; it is now item 1, and home is missing$",
     ),
     Report(
         "a plan contradicts itself",
@@ -357,7 +363,7 @@ REPORTS = (
     Report(
         "a week number rolls over",
         date_of_1024_weeks_before,
-        "^False .* 1,024 weeks later it is plausible .* rolled over",
+        "^False .* a date 1,024 weeks later is plausible .* rolled over",
     ),
     Report("a row contradicts the verdict", row_that_contradicts_the_verdict, "^not proved; not proved; yes$"),
     Report("a table as ExifTool prints it", table_of_exiftool, r"^-8\.465339 -13\.200256 -3\.0 1744788357\.0$"),

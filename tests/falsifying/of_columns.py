@@ -104,7 +104,7 @@ def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     for name in UNRELATED if flown.moment(1.0) - flown.moment(0.0) > _LONG_ENOUGH_S else ():
         change = UNMEASURED[name](int(rng.integers(2**31)))
         yield Way(f"{name}, for half of the route", "nothing measured this attitude there", _for_half(change))
-    away = "no vehicle flies a route like that"
+    away = "no vehicle flies a route in this way"
     yield Way("rolled away by 70 degrees", away, turned(lambda a: a + [70.0, 0.0, 0.0]))
     yield Way("pitched away by 70 degrees", away, turned(lambda a: a + [0.0, 70.0, 0.0]))
     yield Way("upside down", "the camera looks at the sky", turned(lambda a: a + [180.0, 0.0, 0.0]))

@@ -305,7 +305,7 @@ def dates(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     share = float(rng.uniform(0.2, 0.8))
     for hours in (-5.0, 5.0):
         yield Way(
-            f"its clock jumps by {hours:g} hours", "one clock does not jump",
+            f"the track's clock jumps by {hours:g} hours", "one clock does not jump",
             lambda f, h=hours: replace(
                 f, unix_time_s=now_s - 7200.0 * (h > 0.0) + f.time_s - f.time_s[0] + 3600.0 * h * (f.time_s > f.moment(share))
             ),

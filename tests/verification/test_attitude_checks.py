@@ -85,9 +85,9 @@ def test_out_of_range_is_unknown_there_and_told(axis: int, value: float, fits: b
         assert unknown[300:302].all()
         (problem,) = problems
         name = ("roll", "pitch", "yaw")[axis]
-        assert problem.startswith("2 attitudes are out of range, first roll ")
+        assert problem.startswith("2 attitudes are out of range, the first (roll ")
         assert f"{name} {value:g}" in problem
-        assert problem.endswith(" degrees at 30.0 s")
+        assert problem.endswith(" degrees) at 30.0 s")
     else:
         assert problems == []
 
@@ -97,7 +97,7 @@ def test_upside_down_leans_too_much() -> None:
     wrong[300:302, 0] = -180.0
     attitude, problems = known(wrong)
     assert np.isnan(attitude).all(axis=1).sum() == 2
-    assert "2 attitudes lean by more than 60 degrees, first by 180 at 30.0 s" in problems[0]
+    assert "2 attitudes are tilted by more than 60 degrees, the first by 180 degrees at 30.0 s" in problems[0]
 
 
 def test_roll_and_pitch_lean_together() -> None:
@@ -106,7 +106,7 @@ def test_roll_and_pitch_lean_together() -> None:
     wrong[400, :2] = [50.0, 35.0]  # by 58
     attitude, problems = known(wrong)
     assert np.flatnonzero(np.isnan(attitude).all(axis=1)).tolist() == [300]
-    assert "1 attitudes lean by more than 60 degrees, first by 63 at 30.0 s" in problems[0]
+    assert "1 attitudes are tilted by more than 60 degrees, the first by 63 degrees at 30.0 s" in problems[0]
 
 
 # Against the motion
@@ -142,7 +142,7 @@ def test_in_radians() -> None:
     radians = np.radians(measured())
     attitude, problems = known(radians)
     assert np.isnan(attitude).all()
-    assert problems == ["the attitude is in radians instead of degrees: its yaw times 57.3 is the flown course"]
+    assert problems == ["the attitude is in radians instead of degrees: yaw times 57.3 equals the flown course"]
     # In radians -pi to pi as well.
     signed = radians.copy()
     signed[:, 2] = (signed[:, 2] + np.pi) % (2.0 * np.pi) - np.pi

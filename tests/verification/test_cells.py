@@ -201,7 +201,7 @@ def test_speed_over_ground_is_a_requirement_with_time_and_place() -> None:
     assert violation.excess == pytest.approx(8.0, rel=1e-3)
     assert violation.start_s <= violation.worst_s <= violation.end_s
     assert violation.start_s == pytest.approx(times[60], abs=0.6)
-    assert "the speed over ground, 20.0 m/s, is above 12.0 m/s" in report.reasons
+    assert "the speed over ground, 20.0 m/s, exceeds the limit of 12.0 m/s" in report.reasons
 
 
 def test_deviation_is_a_violation_where_it_is_too_large() -> None:
@@ -256,7 +256,7 @@ def test_a_track_flown_twice_is_two_looks_and_names_the_track_of_each_violation(
     verdict = verdict_on(site, LINE, low)
     assert verdict.flown.passes[at(verdict, 155.0, 105.0)] == 2
     assert [(v.kind, v.track) for v in verdict.report.violations] == [("below-band", 1)]
-    assert any(reason.startswith("track 2: 1 violations") for reason in verdict.report.reasons)
+    assert any(reason.startswith("track 2: violations of the limits: 1") for reason in verdict.report.reasons)
 
 
 def test_the_first_track_promises_and_each_is_compared_with_its_own_plan() -> None:

@@ -48,9 +48,9 @@ def test_a_plausible_date_counts(track: Track, bounds: DateBounds) -> None:
 @pytest.mark.parametrize(
     ("track", "bounds", "why"),
     [
-        (track_at(NOON_S - DAY_S), BOUNDS, "its plan dates from 2026-06-03 11:00"),
-        (track_at(NOON_S - 2.0 * HOUR_S), BOUNDS, "its plan dates from 2026-06-03 11:00"),
-        (track_at(NOON_S + 2.0 * DAY_S), BOUNDS, "its file dates from 2026-06-03 13:00"),
+        (track_at(NOON_S - DAY_S), BOUNDS, "the plan dates from 2026-06-03 11:00"),
+        (track_at(NOON_S - 2.0 * HOUR_S), BOUNDS, "the plan dates from 2026-06-03 11:00"),
+        (track_at(NOON_S + 2.0 * DAY_S), BOUNDS, "the log file dates from 2026-06-03 13:00"),
         (track_at(1e9), BOUNDS, "no firmware that writes such logs is older than 2015"),
         (track_at(NOON_S, received_s=NOON_S + HOUR_S), BOUNDS, "the ground station received it on 2026-06-03 13:00"),
         (
@@ -58,8 +58,8 @@ def test_a_plausible_date_counts(track: Track, bounds: DateBounds) -> None:
             DateBounds(),
             "the ground station received it on 2026-05-04",
         ),
-        (track_at(NOON_S, jump_s=5.0 * HOUR_S), DateBounds(), "its clock jumps by 5.0 hours at"),
-        (track_at(NOON_S, jump_s=-2.0 * HOUR_S), BOUNDS, "its clock jumps by -2.0 hours at"),
+        (track_at(NOON_S, jump_s=5.0 * HOUR_S), DateBounds(), "the track's clock jumps by 5.0 hours at"),
+        (track_at(NOON_S, jump_s=-2.0 * HOUR_S), BOUNDS, "the track's clock jumps by -2.0 hours at"),
     ],
 )
 def test_one_that_is_not_does_not_and_is_named(track: Track, bounds: DateBounds, why: str) -> None:
@@ -73,9 +73,9 @@ def test_one_that_is_not_does_not_and_is_named(track: Track, bounds: DateBounds,
 def test_a_date_of_1024_weeks_before_is_a_rollover(bounds: DateBounds) -> None:
     found, (finding,) = dated(track_at(NOON_S - ROLLOVER_S), bounds)
     assert np.isnan(found.unix_time_s).all()
-    assert "2006-10-18 12:00 to 12:00 UTC, is not plausible" in finding
+    assert "2006-10-18 12:00 to 12:00 UTC, is implausible" in finding
     assert (
-        "1,024 weeks later it is plausible (2026-06-03 12:00 to 12:00 UTC): the receiver's week number rolled over"
+        "a date 1,024 weeks later is plausible (2026-06-03 12:00 to 12:00 UTC), because the receiver's week number rolled over"
         in finding
     )
 
@@ -94,7 +94,7 @@ def test_a_zone_that_was_closed_on_the_true_day_is_no_place_to_fly_by_a_false_da
     for early_s in (DAY_S, ROLLOVER_S):
         rolled = report(NOON_S - early_s, BOUNDS)
         assert "no-fly-zone" in {violation.kind for violation in rolled.violations}
-        assert any("is not plausible" in finding for finding in rolled.findings)
+        assert any("is implausible" in finding for finding in rolled.findings)
         assert rolled.flown_utc is None
 
 
@@ -132,13 +132,13 @@ def test_no_flight_is_older_than_its_firmware() -> None:
     bounds = DateBounds(written_s=NOON_S, firmware=RELEASED)
     found, (finding,) = dated(track_at(NOON_S - 2.0 * YEAR_S), bounds)
     assert np.isnan(found.unix_time_s).all()
-    assert "its firmware, ArduPilot 4.6, dates from 2025-04" in finding
+    assert "the firmware, ArduPilot 4.6, dates from 2025-04" in finding
     assert "rolled over" not in finding
     # A week number that rolled over may fall after 2015: only the firmware tells.
     late_s = NOON_S + 10.0 * YEAR_S
     assert dated(track_at(late_s - ROLLOVER_S), DateBounds())[1] == ()
     (finding,) = dated(track_at(late_s - ROLLOVER_S), DateBounds(firmware=RELEASED))[1]
-    assert "1,024 weeks later it is plausible (2036-" in finding
+    assert "1,024 weeks later is plausible (2036-05-31" in finding
     # Builds on the way to a version, and versions that are not in the table, keep the floor of 2015 or of a version before.
     built = dataclasses.replace(RELEASED, official=False)
     assert dated(track_at(NOON_S - 2.0 * YEAR_S), DateBounds(firmware=built))[1] == ()

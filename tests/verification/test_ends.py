@@ -69,7 +69,7 @@ def test_a_continuation_counts_with_the_flight_that_it_goes_on_with(
     reports = [together(flight, half) for half in halves]
     assert all(report.verdict == "not proved" for report in reports)
     both = verify_flight(flight.site, flight.coverage, [FlownTrack(halves[k], flight.planned) for k in order]).report
-    beside = ("the flight after it is unknown", "the flight before it is unknown")
+    beside = ("its end is missing", "its start is missing")
     assert not any(words in doubt for doubt in both.doubts for words in beside)
     assert both.reasons == ()
 
@@ -87,11 +87,11 @@ def test_one_that_cannot_go_on_with_it_does_not(flight: Flight, wrong: str) -> N
     text = "; ".join(report.doubts)
     if wrong == "much later":
         # It is the same flight, and half a minute of it is missing.
-        assert "the flight after it is unknown" not in text
-        assert "at most 10 s are allowed" in text
+        assert "its end is missing" not in text
+        assert "the limit is 10 s" in text
     else:
-        assert "the flight after it is unknown" in text
-        assert "the flight before it is unknown" in text
+        assert "its end is missing" in text
+        assert "its start is missing" in text
 
 
 def test_the_ways_there_and_home_have_a_highest_height() -> None:
@@ -137,7 +137,7 @@ def test_where_positions_are_deepest_under_the_ground_is_named(flight: Flight) -
 def test_equal_times_are_refused(flight: Flight) -> None:
     times = flight.track.time_s.copy()
     times[50] = times[49]
-    with pytest.raises(TrackError, match=r"sample 50 of the track, at .* does not come after the one before it"):
+    with pytest.raises(TrackError, match=r"sample 50 of the track, at .* is not later than the previous sample"):
         together(flight, changed(flight.track, time_s=times))
 
 

@@ -32,7 +32,7 @@ def test_the_largest_vertical_speeds_and_accelerations() -> None:
 
 
 def test_an_impossible_move_in_words() -> None:
-    assert str(ImpossibleMove(3, 5, "climb", 12.34, 10.0)) == "climb 12.3 m/s; at most 10.0 m/s are possible"
+    assert str(ImpossibleMove(3, 5, "climb", 12.34, 10.0)) == "climb 12.3 m/s; at most 10.0 m/s is possible"
     assert str(ImpossibleMove(3, 5, "acceleration", 9.0, 6.0)).startswith("acceleration 9.0 m/s2; at most 6.0 m/s2")
     assert str(ImpossibleMove(3, 5, "out of reach", 90.0, 20.0)).startswith("speed 90.0 m/s; at most 20.0 m/s")
 

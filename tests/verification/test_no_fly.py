@@ -114,7 +114,9 @@ def test_zones_with_times_are_judged_by_the_time_of_day_of_the_track(active, win
         track = dataclasses.replace(track, unix_time_s=unix_s + track.time_s)
     report = verify_track(site, CoverageMap(site, cell_size_m=20.0), track, PlannedRoute(ALONG, 0.0))
     assert bool(report.violations) == (verdict == "entered")
-    told = "no-fly zone prison, which is not active in flight_window_utc, was entered; the track has no time of day"
+    told = (
+        "the vehicle entered no-fly zone prison, which is inactive in flight_window_utc; the track has no time of day"
+    )
     assert any(told in doubt for doubt in report.doubts) == (verdict == "unknown")
     findings = [line for line in report.findings if "no-fly zones" in line]
     assert findings == [] if said is None else said in findings[0]

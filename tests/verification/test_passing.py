@@ -225,12 +225,12 @@ def test_a_flight_of_its_plan_is_not_doubted() -> None:
 def test_a_track_that_comes_nowhere_near_is_another_flight() -> None:
     said = doubt([-1, -1, -1], [80.0, 61.0, 70.0])
     assert said is not None
-    assert said.startswith("none of the 3 planned waypoints was passed (the nearest at 61 m")
+    assert said.startswith("none of the 3 planned waypoints was passed (the nearest distance is 61 m")
 
 
 def test_waypoints_that_do_not_come_in_the_order_of_the_plan() -> None:
     assert doubt([-1, -1, 5, -1], [0.0, 5.0, 1.0, 1.0]) == (
-        "of 4 planned waypoints that were passed, only 1 were passed in the planned order"
+        "only 1 of the 4 planned waypoints that were passed were passed in the planned order"
     )
     assert doubt([3, -1, 5, -1], [0.0, 5.0, 1.0, 1.0]) is None  # half of them do
     assert doubt([3, -1, -1], [0.0, 5.0, 1.0]) is None  # three have no order to speak of
@@ -238,6 +238,6 @@ def test_waypoints_that_do_not_come_in_the_order_of_the_plan() -> None:
 
 def test_more_missed_than_passed() -> None:
     assert doubt([-1, -1, -1, 5, -1], [30.0, 44.0, 8.0, 1.0, 300.0]) == (
-        "3 of the first 4 planned waypoints were missed, by up to 44 m"
+        "the vehicle missed 3 of the first 4 waypoints by up to 44 m"
     )
     assert doubt([-1, -1, 4, 5], [30.0, 44.0, 2.0, 1.0]) is None  # as many as were passed

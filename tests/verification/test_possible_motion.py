@@ -165,4 +165,4 @@ def test_a_lean_that_nothing_flies_with_is_unknown_there(axis: int) -> None:
     attitude, problems = known(leaning)
     assert np.isnan(attitude[200:300]).all()
     assert np.isfinite(np.delete(attitude, np.arange(200, 300), axis=0)).all()
-    assert "100 attitudes lean by more than 60 degrees, first by 70 at 20.0 s" in problems[0]
+    assert "100 attitudes are tilted by more than 60 degrees, the first by 70 degrees at 20.0 s" in problems[0]

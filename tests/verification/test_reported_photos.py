@@ -76,7 +76,7 @@ def test_a_camera_that_stopped_is_an_alarm_and_proves_nothing_more(tmp_path):
     assert stretch.expected > 170
     assert stretch.length_m > 1500.0
     (alarm,) = [i for i in survey.outcome.incidents if i.kind.name == "PHOTOS_MISSING"]
-    assert "the camera reported no photo for" in alarm.text
+    assert "the camera has reported no photo for" in alarm.text
 
 
 def test_the_gap_mission_flies_what_was_not_photographed(whole):

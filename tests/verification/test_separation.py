@@ -79,7 +79,7 @@ def test_too_near_is_told_with_place_time_and_amount() -> None:
     assert violation.east_m == pytest.approx(100.0, abs=5.0)
     assert violation.start_s < violation.worst_s < violation.end_s
     assert texts(found, "fails") == (
-        "tracks 1 and 2: 12.0 m apart, less than the 20 m of fleet.separation_m, at 20.0 s of the first",
+        "tracks 1 and 2: 12.0 m apart at 20.0 s of the first, but fleet.separation_m is 20 m",
     )
 
 
@@ -105,7 +105,7 @@ def test_what_clocks_leave_possible_is_not_proved() -> None:
     assert (texts(exact, "fails"), texts(exact, "not proved")) == ((), ())
     vague = judge_separation(site_of(clock_error_s=1.0), two)
     assert texts(vague, "fails") == ()
-    assert "but possibly 12.1 m, less than the 20 m" in texts(vague, "not proved")[0]
+    assert "but possibly 12.1 m; fleet.separation_m is 20 m" in texts(vague, "not proved")[0]
 
 
 def test_uncertain_positions_count_twice() -> None:
@@ -124,7 +124,7 @@ def test_without_times_of_arrival_nothing_is_proved(received: str) -> None:
     wrong = np.full(len(times), np.nan) if received == "missing" else times[::-1]
     found = judge_separation(site_of(), [passing(0.0), passing(500.0, received=wrong)])
     assert found.pairs == ()
-    assert "track 2 has no arrival times of its positions" in texts(found, "not proved")[0]
+    assert "track 2 does not record when its positions" in texts(found, "not proved")[0]
 
 
 def test_where_samples_are_rare_the_vehicle_may_have_been_elsewhere() -> None:

@@ -121,7 +121,7 @@ def test_an_impossible_move_within_it_is_the_reason(first: int, last: int, hit: 
     (stretch,) = found(moves=(ImpossibleMove(first, last, "speed", 90.0, 23.0),))
     if hit:
         assert stretch.reason == "impossible motion"
-        assert stretch.detail == "impossible motion: speed 90.0 m/s; at most 23.0 m/s are possible"
+        assert stretch.detail == "impossible motion: speed 90.0 m/s; at most 23.0 m/s is possible"
     else:
         assert stretch.reason == "no samples"
 

@@ -244,7 +244,7 @@ def test_a_sensor_that_looks_from_waypoints_counts_those_that_were_reached() -> 
 def test_a_required_deviation(level: Flight) -> None:
     strict = Flight(make_site(flat, requirements={"max_deviation_m": 4.0, "min_coverage_of_coverable": 0.5}))
     assert strict.verify(moved(strict.site, strict.track, (0.0, 3.0, 0.0))).passed
-    assert "the deviation from the planned route, 5.0 m, is above 4.0 m" in reasons(
+    assert "the deviation from the planned route, 5.0 m, exceeds the limit of 4.0 m" in reasons(
         strict.verify(moved(strict.site, strict.track, (0.0, 5.0, 0.0)))
     )
     assert "unknown" in reasons(strict.verify(with_plan=False))

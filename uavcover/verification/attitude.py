@@ -84,13 +84,14 @@ def _unexplained(
     everywhere = np.ones(len(time_s), dtype=bool)
     if abs(sideways_deg) > ATTITUDE.most_sideways_deg and _stands_alone(columns, 3):
         return LeanProblem(
-            f"roll and pitch lean by {abs(sideways_deg):.0f} degrees to one side on all headings without a cause",
+            f"roll and pitch show a lean of {abs(sideways_deg):.0f} degrees to one side on all headings, which "
+            "nothing in the flight explains",
             everywhere,
             "contradicted",
         )
     if along_deg < -ATTITUDE.most_backwards_deg and _stands_alone(columns, 0):
         return LeanProblem(
-            f"roll and pitch lean by {-along_deg:.0f} degrees against the direction of flight",
+            f"roll and pitch show a lean of {-along_deg:.0f} degrees against the direction of flight",
             everywhere,
             "contradicted",
         )
@@ -132,7 +133,9 @@ def _unconfirmed(
     if abs(best) > LEAN.most_late_s and fits.late[best].signal > LEAN.smallest_signal:
         side = "late" if best > 0.0 else "early"
         return LeanProblem(
-            f"roll and pitch match the flown accelerations, but {abs(best):g} s {side}", everywhere, "contradicted"
+            f"roll and pitch match the flown accelerations, but with a shift in time: {abs(best):g} s {side}",
+            everywhere,
+            "contradicted",
         )
     if (why := own.contradiction) is not None:
         return LeanProblem(f"roll and pitch do not match the flown accelerations: {why}", everywhere, "contradicted")
@@ -209,8 +212,8 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
         first = wrong[0]
         roll, pitch, yaw = attitude[first]
         problems.append(
-            f"{wrong.size} attitudes are out of range, first roll {roll:g}, pitch {pitch:g}, yaw {yaw:g} degrees at "
-            f"{track.time_s[first]:.1f} s"
+            f"{wrong.size} attitudes are out of range, the first (roll {roll:g}, pitch {pitch:g}, yaw {yaw:g} "
+            f"degrees) at {track.time_s[first]:.1f} s"
         )
         attitude[wrong] = np.nan
     tilt = np.degrees(np.arccos(np.prod(np.cos(np.radians(attitude[:, :2])), axis=1)))
@@ -218,8 +221,8 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
     if tilted.size:
         first = tilted[0]
         problems.append(
-            f"{tilted.size} attitudes lean by more than {ATTITUDE.max_tilt_deg:g} degrees, first by "
-            f"{tilt[first]:.0f} at {track.time_s[first]:.1f} s: no vehicle flies a route like that"
+            f"{tilted.size} attitudes are tilted by more than {ATTITUDE.max_tilt_deg:g} degrees, the first by "
+            f"{tilt[first]:.0f} degrees at {track.time_s[first]:.1f} s; no vehicle flies a route in this way"
         )
         attitude[tilted] = np.nan
     with_attitude = np.isfinite(attitude).all(axis=1)
@@ -236,7 +239,7 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
         return KnownAttitude(attitude, tuple(problems))
     unconfirmed, contradiction, confirmed = None, None, False
     if _in_radians(track.time_s, enu_m, attitude):
-        problems.append("the attitude is in radians instead of degrees: its yaw times 57.3 is the flown course")
+        problems.append("the attitude is in radians instead of degrees: yaw times 57.3 equals the flown course")
         attitude[:] = np.nan
     elif (attitude[with_attitude, :2] == 0.0).all():
         problems.append("roll and pitch are exactly zero throughout: they were not measured")

@@ -130,7 +130,7 @@ def with_measured_ground(
             if beyond:
                 text = (
                     f"a height above ground of {seems_m:.1f} m was {seems_m - bias.bias_m:.1f} m if the rangefinder "
-                    f"is right and the elevation data are wrong; the limit is {limit_m:g} m"
+                    f"is right and the elevation data is wrong; the limit is {limit_m:g} m"
                 )
                 findings.append(unproved("height-band", text))
     return report.with_findings(findings)
@@ -213,12 +213,16 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
         return None
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
     layers: list[tuple[str, str, NDArray[Any]]] = [
-        ("looks", "separate passes that observed the cell", flown.passes),
+        ("looks", "number of separate passes that observed the cell", flown.passes),
         ("first_seen_s", "vehicle time in seconds", flown.first_seen_s),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
-        ("distance_m", "shortest distance in metres", flown.nearest_m),
-        ("sureness", "0 not observed, 1 possibly, 2 observed if measurements are exact, 3 surely", sureness),
+        ("distance_m", "minimum distance in metres", flown.nearest_m),
+        (
+            "sureness",
+            "0: not observed, 1: possibly observed, 2: observed if measurements are exact, 3: certainly observed",
+            sureness,
+        ),
         ("reason", LAYER_REASONS, reason_codes(coverage, flown)),
     ]
     return cells_geotiff(coverage, site.frame, layers)
@@ -303,13 +307,14 @@ def judge_run(
     sites = [site_for(path, run, site) for path in paths]
     if evidence.photos_required and not any(looks_singly(each.scenario) for each in sites):
         raise InputError(
-            f"--require-photos: the sensor of {run} does not take single photos (sensing {site.scenario.sensor.sensing}); omit it"
+            f"--require-photos: the sensor of {run} does not take single photos (sensing "
+            f"{site.scenario.sensor.sensing}); omit this option"
         )
     if any(provenance.photos_required(RunFolder(folder)) for folder in {run.path, *(path.parent for path in paths)}):
         evidence = replace(evidence, photos_required=True)
     for number, sortie in enumerate(run.sorties(), start=1):
         if not logs and not sortie.file("track.csv").is_file():
-            user.warn(f"sortie {number} was not flown yet: fly it with --sortie {number}")
+            user.warn(f"sortie {number} was not flown yet; fly it with --sortie {number}")
     tracks: list[tuple[Track, PlannedRoute | None]] = []
     for path in paths:
         loaded = read_log(path, site, system=system)
@@ -343,8 +348,8 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
     )
     if report.surely_covered_fraction != report.possibly_covered_fraction:
         user.say(
-            f"                  surely {percent(report.surely_covered_fraction)}, "
-            f"possibly {percent(report.possibly_covered_fraction)} of the area"
+            f"                  of the area: {percent(report.surely_covered_fraction)} certainly, "
+            f"{percent(report.possibly_covered_fraction)} possibly"
         )
     if report.planned_coverage_fraction is not None:
         user.say(f"coverage planned  {percent(report.planned_coverage_fraction)} of the area")
@@ -363,8 +368,8 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
     if report.separation:
         nearest = min(report.separation, key=lambda pair: pair.least_m)
         user.say(
-            f"separation        at least {metres(nearest.least_m)} of {metres(site.scenario.fleet.separation_m)}, of "
-            f"{len(report.separation)} pairs of flights at the same time"
+            f"separation        at least {metres(nearest.least_m)}; required "
+            f"{metres(site.scenario.fleet.separation_m)} ({len(report.separation)} pairs of flights at the same time)"
         )
     missed = sum(gap.area_m2 for gap in report.gaps)
     user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in total")
@@ -377,15 +382,14 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         name = f" {violation.name!r}" if violation.name else ""
         user.say(
             f"violation         {violation.kind}{name} from {violation.start_s:.1f} s to {violation.end_s:.1f} s: "
-            f"{violation.worst:.1f} instead of {violation.limit:.1f} {violation.unit} at {place}, {violation.worst_s:.1f} s"
+            f"worst {violation.worst:.1f} {violation.unit} at {place}, {violation.worst_s:.1f} s; limit "
+            f"{violation.limit:.1f} {violation.unit}"
         )
     if len(report.violations) > _SHOWN_VIOLATIONS:
         more = len(report.violations) - _SHOWN_VIOLATIONS
         user.say(f"                  and {more} more in {run.file('verification.json')}")
     if report.unknown_attitude_looks:
-        user.say(
-            f"attitude          unknown for {report.unknown_attitude_looks} observations, which are only possibly observed"
-        )
+        user.say(f"attitude          unknown for {report.unknown_attitude_looks} observations, which are only possible")
     for row in requirement_rows(site.scenario, report):
         user.say(f"required          {row.name}: {row.asked}; found {row.found}: {_HOLDS[row.holds]}")
     for finding in report.findings:

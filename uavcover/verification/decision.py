@@ -108,7 +108,7 @@ def decide(
         which = f"track {number + 1}: " if len(judged) > 1 else ""
         found = [*(unproved("ends", line) for line in _end_doubts(site, number, j, links)), *j.findings]
         for line in j.attitude_problems:
-            text = f"{line}: its attitude is unknown there"
+            text = f"{line}; uavcover treats the attitude there as unknown"
             found.append(unproved("coverage", text) if unknown_attitude_looks else noted(text))
         findings += [replace(finding, text=which + finding.text) for finding in found]
     fraction, ways_fraction = _fractions(judged, unobserved)
@@ -116,23 +116,23 @@ def decide(
         findings.append(unproved("unobserved-fraction", "no part of the track is on the route"))
     elif fraction > requirements.max_unobserved_fraction:
         text = (
-            f"{100 * fraction:.1f} % of the route's time was not observed, more than "
+            f"{100 * fraction:.1f} % of the time on the route was not observed; the limit is "
             f"{100 * requirements.max_unobserved_fraction:g} %{_longest(site, unobserved, 'route')}"
         )
         findings.append(unproved("unobserved-fraction", text))
     if ways_fraction > TRACK.max_unobserved_ways_fraction:
         text = (
-            f"{100 * ways_fraction:.0f} % of the outbound and return transits was not observed, more than "
+            f"{100 * ways_fraction:.0f} % of the outbound and return transits was not observed; the limit is "
             f"{100 * TRACK.max_unobserved_ways_fraction:g} %{_longest(site, unobserved, 'transit')}"
         )
         findings.append(unproved("transit-observed", text))
     long = [s for s in unobserved if s.in_flight and s.duration_s > requirements.max_unobserved_gap_s]
     gaps = [
-        f"{_told(site, stretch)}; at most {requirements.max_unobserved_gap_s:g} s are allowed"
+        f"the flight was unobserved for {_told(site, stretch)}; the limit is {requirements.max_unobserved_gap_s:g} s"
         for stretch in long[: TRACK.shown]
     ]
     if len(long) > TRACK.shown:
-        gaps.append(f"and {len(long) - TRACK.shown} more unobserved intervals above the limit")
+        gaps.append(f"{len(long) - TRACK.shown} more unobserved intervals exceed the limit")
     findings += [unproved("unobserved-gap", text) for text in gaps]
 
     @cache
@@ -217,9 +217,7 @@ def _all_unobserved(
         if link is not None:
             other = judged[link.after]
             start_s, end_s = j.end.time_s, other.begin.time_s
-            detail = (
-                f"{end_s - start_s:.1f} s between track {number + 1} and track {link.after + 1}, which continues it"
-            )
+            detail = f"{end_s - start_s:.1f} s lie between track {number + 1} and its continuation, {link.after + 1}"
             way = np.vstack([j.end.enu_m, other.begin.enu_m])
             on_route = bool(j.phases.route[-1] or other.phases.route[0])
             if end_s - start_s > site.scenario.requirements.max_gap_s:
@@ -247,13 +245,9 @@ def _missing(site: Site, j: JudgedTrack, number: int, way_m: FloatArray, *, firs
 def _end_doubts(site: Site, number: int, j: JudgedTrack, links: Sequence[FlightContinuation]) -> list[str]:
     doubts = []
     if not j.begin.on_ground and not any(link.after == number for link in links):
-        doubts.append(
-            f"{j.begin}, at {place_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s: the flight before it is unknown"
-        )
+        doubts.append(f"{j.begin}, at {place_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s; its start is missing")
     if not j.end.on_ground and not any(link.before == number for link in links):
-        doubts.append(
-            f"{j.end}, at {place_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s: the flight after it is unknown"
-        )
+        doubts.append(f"{j.end}, at {place_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s; its end is missing")
     return doubts
 
 
@@ -278,9 +272,9 @@ def _longest(site: Site, unobserved: Sequence[Unobserved], phase: str) -> str:
     stretches = [s for s in unobserved if s.phase == phase and s.in_flight and s.duration_s > 0.0]
     if not stretches:
         return ""
-    return f"; the longest of {len(stretches)} unobserved intervals: {_told(site, max(stretches, key=lambda s: s.duration_s))}"
+    return f"; longest of {len(stretches)} such intervals: {_told(site, max(stretches, key=lambda s: s.duration_s))}"
 
 
 def _told(site: Site, stretch: Unobserved) -> str:
     place = place_of(site, np.array([stretch.east_m, stretch.north_m, 0.0]))
-    return f"{stretch.duration_s:.1f} s from {stretch.start_s:.1f} s at {place} were unobserved ({stretch.detail})"
+    return f"{stretch.duration_s:.1f} s, from {stretch.start_s:.1f} s at {place} ({stretch.detail})"

@@ -26,7 +26,7 @@ class TrackEnd:
     def __str__(self) -> str:
         """Description for people."""
         if np.isnan(self.height_agl_m):
-            return f"the track {self.which} where the height above ground is unknown"
+            return f"the track {self.which} at an unknown height above ground"
         side = "above" if self.height_agl_m >= 0.0 else "under"
         moving = "" if self.still else ", in motion"
         return f"the track {self.which} {abs(self.height_agl_m):.1f} m {side} the ground{moving}"

@@ -288,7 +288,8 @@ class PictureEvidence:
 
 NOTHING_KNOWN = PictureEvidence()
 _UNREPORTED = (
-    "no photo is reported: cells in view of the camera are counted, but no record shows that it took photos (--photos)"
+    "the log reports no photos: cells in view of the camera count, but nothing shows that it took photos; add the "
+    "photos with --photos"
 )
 NO_PICTURES = PictureEvidence(findings=(unproved("photos", _UNREPORTED),))
 """Evidence for a flight that was not planned here: no mission of ours triggered its camera."""

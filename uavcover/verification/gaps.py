@@ -178,7 +178,8 @@ def gaps_geojson(coverage: CoverageMap, regions: Sequence[GapRegion]) -> dict[st
     frame = coverage.site.frame
     if frame is None:
         raise InputError(
-            f"scenario {coverage.site.scenario.name} has no position on Earth, so its gaps cannot be written as GeoJSON"
+            f"scenario {coverage.site.scenario.name} has no position on Earth, so the gaps cannot be written as "
+            "GeoJSON; add an [origin]"
         )
     features = []
     for number, region in enumerate(regions):

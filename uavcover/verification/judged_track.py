@@ -129,7 +129,7 @@ def judge_track(
             passed=None if passed is None else passed.passed,
         ),
         None if passed is None or not route.any() else plan_doubt(passed),
-        None if misnumbered is None else f"{misnumbered}: its numbers are ignored, and the positions are used",
+        None if misnumbered is None else f"{misnumbered}; the verdict ignores current_waypoint and uses the positions",
     ]
     if not contradiction_m <= TRACK.max_contradiction_m:
         unbelieved.append(
@@ -142,20 +142,16 @@ def judge_track(
         *(unproved("evidence", text) for text in unbelieved if text is not None),
     ]
     for name in zones_at_unknown_time(site, track, enu, joined):
-        text = (
-            f"no-fly zone {name}, which is not active in flight_window_utc, was entered; the track has no time of day"
-        )
+        text = f"the vehicle entered no-fly zone {name}, which is inactive in flight_window_utc; the track has no time of day"
         findings.append(unproved("no-fly-zones", text))
     if scenario.requirements.max_deviation_m is not None and deviations is None:
-        text = (
-            "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route"
-        )
+        text = "the deviation from the planned route is unknown: there is no plan, or the track never follows its route"
         findings.append(unproved("deviation", text))
     source = photo_source or ("reported" if reports_photos(whole) else "predicted")
     photos = photos_of(site, track, enu, route, joined, planned, source=source)
     findings += map(noted, [*_findings(site, begin, end), *([] if photos is None else photos.findings)])
     if known.unconfirmed is not None:
-        findings.append(noted(f"{known.unconfirmed}: observations that depend on it are only possibly observed"))
+        findings.append(noted(f"{known.unconfirmed}; observations that depend on them count only as possible"))
     return JudgedTrack(
         track=track,
         enu_m=enu,
@@ -195,7 +191,7 @@ def _checked_positions_m(site: Site, track: Track) -> FloatArray:
         )
     if not (np.diff(track.time_s) > 0.0).all():
         bad = int(np.argmax(~(np.diff(track.time_s) > 0.0))) + 1
-        raise TrackError(f"sample {bad} of the track, at {track.time_s[bad]} s, does not come after the one before it")
+        raise TrackError(f"sample {bad} of the track, at {track.time_s[bad]} s, is not later than the previous sample")
     return enu
 
 
@@ -232,13 +228,17 @@ def _reasons(
     if violations:
         kinds = sorted({violation.kind for violation in violations})
         concerns = tuple(dict.fromkeys(LIMIT_OF[kind] for kind in kinds))
-        reasons.append(fails(concerns, f"{len(violations)} violations of the limits ({', '.join(kinds)})"))
+        reasons.append(fails(concerns, f"violations of the limits: {len(violations)} ({', '.join(kinds)})"))
     off, most_m = largest(deviations), requirements.max_deviation_m
     if most_m is not None and off is not None and off > most_m + SAFETY.speed_tolerance:
-        reasons.append(fails("deviation", f"the deviation from the planned route, {off:.1f} m, is above {most_m} m"))
+        reasons.append(
+            fails("deviation", f"the deviation from the planned route, {off:.1f} m, exceeds the limit of {most_m} m")
+        )
     fastest, allowed = largest(speeds_m_s[phases.route]), requirements.max_ground_speed_m_s
     if allowed is not None and fastest is not None and fastest > allowed + SAFETY.speed_tolerance:
-        reasons.append(fails("ground-speed", f"the speed over ground, {fastest:.1f} m/s, is above {allowed} m/s"))
+        reasons.append(
+            fails("ground-speed", f"the speed over ground, {fastest:.1f} m/s, exceeds the limit of {allowed} m/s")
+        )
     return reasons
 
 
@@ -250,15 +250,15 @@ def _ground_doubts(
     if unknown.any():
         first = float(track.time_s[int(np.argmax(unknown))])
         text = (
-            f"no elevation data under {int(unknown.sum())} samples of the flight, first at {first:.1f} s: their height "
-            "above ground cannot be judged (latitude and longitude may be swapped)"
+            f"there is no elevation data below {int(unknown.sum())} samples of the flight, the first at {first:.1f} "
+            "s, so their height above ground cannot be judged (latitude and longitude may be swapped)"
         )
         doubts.append(unproved(("height-band", "transit-clearance", "transit-height"), text))
     lowest = int(np.nanargmin(here_m)) if np.isfinite(here_m).any() else 0
     if here_m[lowest] < -ground_tolerance_m(site.scenario):
         text = (
             f"positions are below the ground by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
-            f"{place_of(site, enu_m[lowest])}: their heights have a different datum or belong to a different location"
+            f"{place_of(site, enu_m[lowest])}; the heights have a different datum, or the track a different location"
         )
         doubts.append(unproved("evidence", text))
     return doubts
@@ -271,7 +271,7 @@ def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
         if where.on_ground and abs(where.height_agl_m) > TRACK.reported_height_m:
             side = "above" if where.height_agl_m > 0.0 else "under"
             findings.append(
-                f"the vehicle {did} {abs(where.height_agl_m):.1f} m {side} the ground of the scenario: all heights "
+                f"the vehicle {did} {abs(where.height_agl_m):.1f} m {side} the scenario's ground, so all heights "
                 "above ground may be wrong by this amount"
             )
         if site.home_m is None:

@@ -89,7 +89,7 @@ class LeanFit:
             self.steady > LEAN.least_share
             and slope + LEAN.sure_deviations * error < LEAST_ACCELERATION_OF_LEAN * self.steady
         ):
-            return "the vehicle leans but does not accelerate accordingly"
+            return "the vehicle leans, but does not accelerate accordingly"
         if slope - LEAN.sure_deviations * error > MOST_ACCELERATION_OF_LEAN:
             return f"the acceleration is {slope:.1f} times what the lean explains"
         slope, error = self.lean_of_acceleration
@@ -98,7 +98,7 @@ class LeanFit:
             self.known > LEAN.least_share
             and slope + LEAN.sure_deviations * error < LEAST_LEAN_OF_ACCELERATION * self.known
         ):
-            return "the vehicle accelerates but does not lean accordingly"
+            return "the vehicle accelerates, but does not lean accordingly"
         if slope - LEAN.sure_deviations * error > MOST_LEAN_OF_ACCELERATION:
             return f"the lean is {slope:.1f} times what the acceleration explains"
         return None
@@ -207,16 +207,16 @@ def _bad_stretches(
             energy = np.maximum(0.5 * (aa + bb - unrelated), 1e-9)
             error = np.sqrt((energy * unrelated + unrelated**2 / 4.0) / count) / energy
             apart = (1.0 - ab / energy) / np.hypot(error, LEAN.model_error) > LEAN.sure_deviations
-            whys = np.where(apart, f"it does not lean{name} as the acceleration requires", "")
+            whys = np.where(apart, f"the vehicle does not lean{name} as the acceleration requires", "")
             if not name:
                 # Gusts and noise make the first slope smaller, and the second larger.
                 wide = 1.0 + 2.0 * error
                 clear = ~apart & (error < 1.0 / LEAN.sure_deviations) & (ab > 0.0)
                 whys = np.where(
-                    clear & (ab > MOST_LEAN * wide * aa), "it leans more than the acceleration explains", whys
+                    clear & (ab > MOST_LEAN * wide * aa), "the vehicle leans more than the acceleration explains", whys
                 )
                 whys = np.where(
-                    clear & (bb * wide < LEAST_LEAN * ab), "it leans less than the acceleration requires", whys
+                    clear & (bb * wide < LEAST_LEAN * ab), "the vehicle leans less than the acceleration requires", whys
                 )
             for k in np.flatnonzero(whys != ""):
                 part = BadStretch(float(time_s[first[k]]), float(time_s[last[k] - 1]), str(whys[k]))

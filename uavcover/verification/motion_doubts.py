@@ -41,13 +41,14 @@ def motion_doubts(
     if steps:
         step = max(steps, key=lambda move: move.step_m_s)
         doubts.append(
-            f"the velocity jumps {at(step)} by {step.step_m_s:.1f} m/s more than possible: a part of the flight of "
-            "unknown length is missing there"
+            f"the velocity jumps {at(step)} by {step.step_m_s:.1f} m/s more than possible; a part of the flight, of "
+            "unknown length, is missing there"
         )
     if (move := motion.contradiction) is not None:
         doubts.append(
-            f"reported velocity and positions contradict each other over {motion.contradicted_fraction:.0%} of the time, from "
-            f"{track.time_s[move.first]:.1f} s, {place_of(site, enu_m[move.first])}: {move}; one of the two was not measured"
+            f"reported velocity and positions contradict each other for {motion.contradicted_fraction:.0%} of the "
+            f"time, from {track.time_s[move.first]:.1f} s, {place_of(site, enu_m[move.first])}: {move}; one of the "
+            "two was not measured"
         )
     if len(motion.moves) > TRACK.max_impossible_moves:
         first = motion.moves[0]
@@ -63,7 +64,7 @@ def motion_doubts(
             if not _is_jump(track.time_s, enu_m, move, limits, shortest):
                 doubts.append(
                     f"the vehicle cannot have moved like this {at(move)}: {move}; a receiver jump does not explain "
-                    "it: time was inserted or a part of the flight is missing"
+                    "this, so time was inserted, or a part of the flight is missing"
                 )
                 break
     return doubts
@@ -116,8 +117,8 @@ def sampling_doubts(track: Track, motion: Motion, known: KnownAttitude) -> list[
     doubts = []
     if motion.white_m > 0.0:
         doubts.append(
-            f"the positions are off by {motion.white_m:.1f} m independently from one sample to the next: no receiver "
-            "or autopilot reports such positions"
+            f"the positions have independent errors of {motion.white_m:.1f} m from sample to sample, which no "
+            "receiver or autopilot reports"
         )
     steps_s = np.diff(track.time_s)
     coarse = steps_s > COARSE_STEP_S

@@ -103,11 +103,11 @@ class ImpossibleMove:
         if self.kind == "velocity":
             return (
                 f"the reported velocity differs from the change of position by {self.worst:.1f} m/s; at most "
-                f"{self.limit:.1f} m/s are possible"
+                f"{self.limit:.1f} m/s is possible"
             )
         unit = "m/s2" if self.kind == "acceleration" else "m/s"
         what = "speed" if self.kind == "out of reach" else self.kind
-        return f"{what} {self.worst:.1f} {unit}; at most {self.limit:.1f} {unit} are possible"
+        return f"{what} {self.worst:.1f} {unit}; at most {self.limit:.1f} {unit} is possible"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

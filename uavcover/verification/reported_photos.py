@@ -41,7 +41,10 @@ class TrackPhotos:
     def findings(self) -> list[str]:
         """Findings on the photos, one line each."""
         if self.source == "predicted":
-            return ["the vehicle reported no photo: every planned photo counts as taken (--require-photos: not proved)"]
+            return [
+                "the vehicle reported no photos, so every planned photo counts as taken; with --require-photos, "
+                "the flight would not be proved"
+            ]
         if not self.missing:
             return []
         lacking = sum(stretch.expected for stretch in self.missing)
@@ -97,7 +100,7 @@ def photos_by_distance(
     """
     trigger_m = trigger_distance_m(site.scenario)
     if trigger_m is None:
-        raise TrackError("the sensor takes no photos by distance")
+        raise TrackError("the sensor does not take photos by distance")
     runs = observed_stretches(route, joined)
     if source == "predicted":
         parts = [_trigger_points(enu_m, run, trigger_m) for run in runs]

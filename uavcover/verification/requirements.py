@@ -39,7 +39,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     rows = [judge.share("coverage", "Coverage of visible ground", least, report.coverage_of_coverable)]
     if sure is not None:
         found = report.surely_covered_of_coverable
-        rows.append(judge.share("sure-coverage", "Surely observed visible ground", sure, found))
+        rows.append(judge.share("sure-coverage", "Certainly observed visible ground", sure, found))
     if requirements.min_overlap_fraction is not None:
         rows.append(_overlap_row(requirements.min_overlap_fraction, report, judge))
     rows += _observed_rows(scenario, report, judge)
@@ -125,7 +125,7 @@ class _Judge:
     def kept(self, requirement: Requirement, name: str, asked: str) -> RequirementRow:
         """A limit without a figure."""
         number = sum(LIMIT_OF[violation.kind] == requirement for violation in self._report.violations)
-        kept = "kept" if self._observed else "kept where it was observed"
+        kept = "kept" if self._observed else "kept wherever observed"
         found = kept if number == 0 else f"left {number} time{'s' if number > 1 else ''}"
         return self.limit(requirement, name, asked, found)
 

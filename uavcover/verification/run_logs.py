@@ -114,12 +114,13 @@ def dated(track: Track, bounds: DateBounds) -> tuple[Track, tuple[str, ...]]:
     wrong = [*_date_problems(track, bounds)]
     if not wrong:
         return track, ()
-    text = f"the track's date, {window_in_words(window)}, is not plausible: {'; '.join(wrong)}"
+    text = f"the track's date, {window_in_words(window)}, is implausible: {'; '.join(wrong)}"
     later = replace(track, unix_time_s=track.unix_time_s + ROLLOVER_S)
     window = flown_window(later.unix_time_s)
     if window is not None and not any(_date_problems(later, bounds)):
         text += (
-            f"; 1,024 weeks later it is plausible ({window_in_words(window)}): the receiver's week number rolled over"
+            f"; a date 1,024 weeks later is plausible ({window_in_words(window)}), because the receiver's week "
+            "number rolled over"
         )
     text += ". No-fly zones with times are judged as if the time were unknown"
     return replace(track, unix_time_s=np.full(len(track), np.nan)), (text,)
@@ -140,7 +141,7 @@ def clocks_apart(track: Track) -> str | None:
     further, other = ("satellites'", "vehicle's") if drift_s[worst] > 0.0 else ("vehicle's", "satellites'")
     return (
         f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock advances {abs(drift_s[worst]):.1f} "
-        f"s more than the {other}: time was inserted or removed there"
+        f"s more than the {other}, so time was inserted or removed there"
     )
 
 
@@ -151,16 +152,16 @@ def _date_problems(track: Track, bounds: DateBounds) -> Iterator[str]:
     jumps_s = np.diff(unix_s) - np.diff(own_s)
     if jumps_s.size and np.abs(jumps_s).max() > CLOCK.jump_s:
         at = int(np.argmax(np.abs(jumps_s)))
-        yield f"its clock jumps by {jumps_s[at] / 3600.0:.1f} hours at {own_s[at + 1]:.1f} s"
+        yield f"the track's clock jumps by {jumps_s[at] / 3600.0:.1f} hours at {own_s[at + 1]:.1f} s"
     released_s = None if bounds.firmware is None else bounds.firmware.released_s
     if released_s is not None and first_s < released_s:
-        yield f"its firmware, {bounds.firmware}, dates from {_day(released_s)[:7]}"
+        yield f"the firmware, {bounds.firmware}, dates from {_day(released_s)[:7]}"
     elif first_s < FIRST_LOG_S:
         yield f"no firmware that writes such logs is older than {_day(FIRST_LOG_S)}"
     if bounds.planned_s is not None and first_s < bounds.planned_s - BEFORE_PLAN_S:
-        yield f"its plan dates from {_day(bounds.planned_s)}"
+        yield f"the plan dates from {_day(bounds.planned_s)}"
     if bounds.written_s is not None and last_s > bounds.written_s + AFTER_FILE_S:
-        yield f"its file dates from {_day(bounds.written_s)}"
+        yield f"the log file dates from {_day(bounds.written_s)}"
     late_s = track.received_utc_s[known] - unix_s
     if np.isfinite(late_s).any() and abs(float(np.nanmedian(late_s))) > CLOCK.disagrees_s:
         yield f"the ground station received it on {_day(float(np.nanmedian(track.received_utc_s)))}"
@@ -224,9 +225,7 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
             f"{path}: {path.suffix or 'no ending'} is not a supported track format; use {', '.join(LOG_ENDINGS)}"
         )
     if site.frame is None:
-        raise InputError(
-            f"{path}: scenario {site.scenario.name} has no position on Earth, so this log has no positions in it"
-        )
+        raise InputError(f"{path}: scenario {site.scenario.name} has no position on Earth, so the log does not fit")
     return read_foreign_log(path, site.frame, system=system)
 
 
@@ -235,8 +234,8 @@ def _of_its_standing(path: Path) -> list[str]:
     if path.name != TRACK:
         return []
     words = {
-        provenance.FLYING: "is still in progress; later observations are not in the track yet",
-        provenance.INTERRUPTED: "was interrupted: the program that followed it ended early; continue with fly --resume",
+        provenance.FLYING: "is still in progress; the track does not contain later observations yet",
+        provenance.INTERRUPTED: "was interrupted, because the program that followed it ended early; continue with fly --resume",
     }.get(provenance.settled_ending(RunFolder(path.parent)) or "")
     return [] if words is None else [f"{path}: this flight {words}"]
 

@@ -83,7 +83,7 @@ def commanded_pace_doubt(
     level, vertical = np.hypot(way[:, 0], way[:, 1]) / seconds, way[:, 2] / seconds
     under_way = level > SAFETY.under_way * vehicle.cruise_speed_m_s
     cruise = vehicle.cruise_speed_m_s
-    tell = "; the clock or the positions are scaled, or the flight differs from the plan"
+    tell = "; its clock or positions are scaled, or the flight differs from the plan"
     fast = float(np.percentile(level[under_way], 95.0)) if under_way.any() else 0.0
     for what, sustained, wanted, most in (
         ("flies", fast, cruise, 1.25 * cruise + 2.0),

@@ -118,13 +118,13 @@ class Records:
         """Description for people."""
         text = (
             f"tracks {self.first + 1} and {self.second + 1} are records of one flight: they agree within "
-            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; common observations count once"
+            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; observations in both count once"
         )
         if not self.same.disagrees:
             return text
         return (
-            f"{text}; they disagree by up to {self.same.aside_m:.1f} m aside and {self.same.above_m:.1f} m in height "
-            f"({SAME_FLIGHT.percentile:g} % of the time by less): the positions are at least this uncertain"
+            f"{text}; they disagree by up to {self.same.aside_m:.1f} m horizontally and {self.same.above_m:.1f} m in "
+            f"height ({SAME_FLIGHT.percentile:g} % of the time by less), so the positions are at least this uncertain"
         )
 
 
@@ -149,8 +149,8 @@ def at_two_places(judged: Sequence[JudgedTrack], records: Sequence[Records]) -> 
             common = None if (first, second) in same else common_time(one.track, other.track)
             if common is not None and common.overlaps:
                 found.append(
-                    f"tracks {first + 1} and {second + 1} overlap in time at different positions: one vehicle flew "
-                    "only one of them; set fleet.vehicles if there were several"
+                    f"tracks {first + 1} and {second + 1} overlap in time at different positions, so one vehicle "
+                    "cannot have flown both; if there were several vehicles, set fleet.vehicles"
                 )
     return found
 

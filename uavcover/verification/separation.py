@@ -45,10 +45,7 @@ def judge_separation(
     doubts = []
     if without:
         listed = ", ".join(map(str, without))
-        doubts.append(
-            f"the separation of the vehicles: track {listed} has no arrival times of its positions, so the "
-            "positions of the others at that time are unknown"
-        )
+        doubts.append(f"the separation is unknown: track {listed} does not record when its positions arrived")
     pairs: list[PairSeparation] = []
     violations: list[Violation] = []
     for a, b in itertools.combinations(range(len(tracks)), 2):
@@ -63,14 +60,14 @@ def judge_separation(
         violations += [replace(stretch, track=a, other_track=b) for stretch in stretches]
     limit_m = site.scenario.fleet.separation_m
     reasons = [
-        f"tracks {pair.first + 1} and {pair.second + 1}: {pair.least_m:.1f} m apart, less than the {limit_m:g} m of "
-        f"fleet.separation_m, at {pair.first_s:.1f} s of the first"
+        f"tracks {pair.first + 1} and {pair.second + 1}: {pair.least_m:.1f} m apart at {pair.first_s:.1f} s of the "
+        f"first, but fleet.separation_m is {limit_m:g} m"
         for pair in pairs
         if pair.least_m < limit_m
     ]
     doubts += [
         f"tracks {pair.first + 1} and {pair.second + 1}: {pair.least_m:.1f} m apart according to their clocks, but "
-        f"possibly {max(pair.possibly_m, 0.0):.1f} m, less than the {limit_m:g} m of fleet.separation_m"
+        f"possibly {max(pair.possibly_m, 0.0):.1f} m; fleet.separation_m is {limit_m:g} m"
         for pair in pairs
         if pair.possibly_m < limit_m <= pair.least_m
     ]

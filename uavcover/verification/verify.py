@@ -271,12 +271,12 @@ def _time_findings(site: Site, window: Window | None) -> list[str]:
     planned = site.scenario.flight_window
     if window is None:
         judged = "as always active" if planned is None else "as in flight_window_utc"
-        return [f"the track has no time of day: {timed} no-fly zones with times are judged {judged}"]
+        return [f"the track has no time of day, so {timed} no-fly zones with times are judged {judged}"]
     if planned is None or (planned[0] <= window[0] and window[1] <= planned[1]):
         return []
     return [
-        f"flown from {window_in_words(window)}, planned for {window_in_words(planned)}: the no-fly zones that were "
-        "active during the flight are judged"
+        f"flown from {window_in_words(window)}, planned for {window_in_words(planned)}; the verdict uses the no-fly "
+        "zones that were active during the flight"
     ]
 
 
@@ -296,7 +296,7 @@ def _overlap_findings(site: Site, pictures: PictureStatistics | None) -> list[st
         return []
     return [
         f"the required overlap, {pictures.asked} photos of every point, is achieved on "
-        f"{100.0 * pictures.overlap_fraction:.2f} % of the area, less than {100.0 * OVERLAP_FRACTION:g} %"
+        f"{100.0 * pictures.overlap_fraction:.2f} % of the area; {100.0 * OVERLAP_FRACTION:g} % is required"
     ]
 
 

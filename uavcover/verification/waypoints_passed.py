@@ -145,15 +145,15 @@ def plan_doubt(passed: Passing) -> str | None:
     count, near = len(passed.samples), int((passed.nearest_m <= passed.radius_m).sum())
     if near == 0:
         return (
-            f"none of the {count} planned waypoints was passed (the nearest at {float(passed.nearest_m.min()):.0f} "
-            "m): the track belongs to another flight, or its positions are shifted"
+            f"none of the {count} planned waypoints was passed (the nearest distance is "
+            f"{float(passed.nearest_m.min()):.0f} m); the track belongs to another flight, or its positions are shifted"
         )
     kept = int(passed.passed.sum())
     if near >= SAFETY.order_of and kept < SAFETY.kept_at_least * near:
-        return f"of {near} planned waypoints that were passed, only {kept} were passed in the planned order"
+        return f"only {kept} of the {near} planned waypoints that were passed were passed in the planned order"
     reached = np.flatnonzero(passed.passed)
     missed = int(reached[-1]) + 1 - kept
     if missed > (1.0 - SAFETY.kept_at_least) * (int(reached[-1]) + 1):
         worst = float(passed.nearest_m[: int(reached[-1]) + 1].max())
-        return f"{missed} of the first {int(reached[-1]) + 1} planned waypoints were missed, by up to {worst:.0f} m"
+        return f"the vehicle missed {missed} of the first {int(reached[-1]) + 1} waypoints by up to {worst:.0f} m"
     return None

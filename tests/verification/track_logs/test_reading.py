@@ -131,7 +131,8 @@ def test_telemetry_of_two_vehicles_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "two.tlog"
     write_tlog(path, systems=(1, 7))
     with pytest.raises(
-        TrackError, match=r"two\.tlog: the log has positions of 2 vehicles \(systems 1, 7\); choose one with --system"
+        TrackError,
+        match=r"two\.tlog: the log has positions of 2 vehicles \(system IDs 1, 7\); choose one with --system",
     ):
         read(path)
 
@@ -184,10 +185,19 @@ def test_without_pyulog_the_way_to_get_it_is_said(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize(
     ("point", "message"),
     [
-        ('<trkpt lat="1" lon="2"><time>2026-01-01T00:00:00Z</time></trkpt>', "track point 0: ele is None"),
-        ('<trkpt lat="x" lon="2"><ele>3</ele><time>2026-01-01T00:00:00Z</time></trkpt>', "lat is 'x'"),
-        ('<trkpt lat="1" lon="2"><ele>3</ele></trkpt>', "time is None"),
-        ('<trkpt lat="1" lon="2"><ele>nan</ele><time>2026-01-01T00:00:00Z</time></trkpt>', "ele is 'nan'"),
+        (
+            '<trkpt lat="1" lon="2"><time>2026-01-01T00:00:00Z</time></trkpt>',
+            "track point 0: ele must be a number, not None",
+        ),
+        (
+            '<trkpt lat="x" lon="2"><ele>3</ele><time>2026-01-01T00:00:00Z</time></trkpt>',
+            "lat must be a number, not 'x'",
+        ),
+        ('<trkpt lat="1" lon="2"><ele>3</ele></trkpt>', "time must be a date and time, not None"),
+        (
+            '<trkpt lat="1" lon="2"><ele>nan</ele><time>2026-01-01T00:00:00Z</time></trkpt>',
+            "ele must be a number, not 'nan'",
+        ),
         ('<trkpt lat="99" lon="2"><ele>3</ele><time>{time}</time></trkpt>', "not a position on Earth"),
         ("", "no track points"),
     ],
@@ -242,7 +252,7 @@ def test_one_vehicle_of_several_is_chosen(tmp_path: Path, system: int) -> None:
     path = tmp_path / "two.tlog"
     write_tlog(path, systems=(1, 7))
     assert len(read_foreign_log(path, FRAME, system=system).track) == COUNT
-    with pytest.raises(TrackError, match="has no vehicle 3; set --system to one of 1, 7"):
+    with pytest.raises(TrackError, match="has no vehicle with system ID 3; set --system to one of 1, 7"):
         read_foreign_log(path, FRAME, system=3)
 
 
@@ -256,7 +266,7 @@ def test_what_is_no_vehicle_is_none_of_several(tmp_path: Path, kind: int, autopi
     write_tlog(path, stations=((255, kind, autopilot),))
     track = read(path).track
     np.testing.assert_allclose(track.geodetic[:, :2], flight()[0][:, 1:3], atol=0.51e-7)
-    with pytest.raises(TrackError, match="has no vehicle 255; set --system to one of 1"):
+    with pytest.raises(TrackError, match="has no vehicle with system ID 255; set --system to one of 1"):
         read_foreign_log(path, FRAME, system=255)
 
 
@@ -269,7 +279,7 @@ def test_a_ulog_without_an_estimate_has_the_positions_of_its_receiver(tmp_path: 
     # The first row has no fix.
     np.testing.assert_allclose(loaded.track.geodetic[:, :2], positions[1:, 1:3], atol=1.01e-7)
     np.testing.assert_allclose(loaded.track.geodetic[:, 2], positions[1:, 3], atol=2e-3)
-    assert any("the positions of its receiver are used" in warning for warning in loaded.warnings)
+    assert any("using its receiver's positions" in warning for warning in loaded.warnings)
 
 
 @pytest.mark.parametrize("name", WRITERS)

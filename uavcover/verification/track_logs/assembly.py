@@ -48,7 +48,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     positions = rows.positions.reshape(-1, 4)
     has_fix = (positions[:, 1] != 0.0) | (positions[:, 2] != 0.0)
     if not has_fix.all():
-        warnings.append(f"{path}: {int((~has_fix).sum())} positions before the first fix (0, 0) are ignored")
+        warnings.append(f"{path}: {int((~has_fix).sum())} positions (0, 0) before the first fix were ignored")
         positions = positions[has_fix]
     if len(positions) == 0:
         raise TrackError(f"{path}: the log contains no positions")
@@ -58,12 +58,12 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     if back.any():
         at = int(np.argmax(back))
         raise TrackError(
-            f"{path}: time goes back from {before[at]:.3f} s to {positions[at, 0]:.3f} s at position {at}: the "
-            "vehicle was restarted, or two logs were joined; use the log of one flight"
+            f"{path}: time goes back from {before[at]:.3f} s to {positions[at, 0]:.3f} s at position {at}; the "
+            "vehicle restarted, or two logs were joined; use the log of a single flight"
         )
     repeated = positions[:, 0] == before
     if repeated.any():
-        warnings.append(f"{path}: {int(repeated.sum())} positions with a repeated time are ignored")
+        warnings.append(f"{path}: {int(repeated.sum())} positions with a repeated time were ignored")
         positions = positions[~repeated]
     bad = ~(np.isfinite(positions).all(axis=1) & (np.abs(positions[:, 1]) <= 90.0) & (np.abs(positions[:, 2]) <= 180.0))
     if bad.any():
@@ -76,8 +76,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     unknown = int(np.isnan(attitude[:, 0]).sum())
     if unknown:
         warnings.append(
-            f"{path}: {unknown} of {len(positions)} positions have no attitude; observations of a fixed camera "
-            "from there are unknown"
+            f"{path}: {unknown} of {len(positions)} positions have no attitude, so a fixed camera's view is unknown"
         )
     velocity = _velocities_at(positions[:, 0], rows.velocities.reshape(-1, 4))
     pictures_taken = np.full(len(positions), np.nan)
@@ -153,7 +152,8 @@ def _pictures_taken(
     inside = (pictures[:, 0] > times[0]) & (pictures[:, 0] <= times[-1])
     if not inside.all():
         doubted.append(
-            f"{int((~inside).sum())} of {len(pictures)} photos have a time outside the track: they do not count as evidence"
+            f"{int((~inside).sum())} of {len(pictures)} photos were taken outside the time of the track; they do not "
+            "count as evidence"
         )
     lost = lost[inside] if lost.size else np.zeros(int(inside.sum()), dtype=np.int64)
     pictures = pictures[inside]
@@ -170,7 +170,7 @@ def _pictures_taken(
     if elsewhere.any():
         doubted.append(
             f"{int(elsewhere.sum())} of {len(pictures)} photos state a position far from the vehicle (up to "
-            f"{float(off_m.max()):.0f} m away): they do not count as evidence"
+            f"{float(off_m.max()):.0f} m away); they do not count as evidence"
         )
     at = np.searchsorted(times, pictures[~elsewhere, 0])
     taken = np.zeros(len(times))

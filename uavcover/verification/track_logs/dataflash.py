@@ -37,7 +37,7 @@ def read_dataflash(path: Path) -> LoggedRows:
     """
     content = path.read_bytes()
     if content[:2] != _MAGIC:
-        raise TrackError(f"{path}: the file is not an ArduPilot dataflash log; it does not start with the bytes a3 95")
+        raise TrackError(f"{path}: this is not an ArduPilot dataflash log; it must start with the bytes a3 95")
     # Importing pymavlink takes a moment; other kinds of logs do not need it.
     from pymavlink import DFReader
 
@@ -80,15 +80,13 @@ def read_dataflash(path: Path) -> LoggedRows:
     if complaints.getvalue() or left_out > 0:
         warnings.append(f"{path}: parts of the log are damaged and were ignored")
     if not estimated and measured:
-        warnings.append(f"{path}: the log has no POS messages; the positions of its first GPS are used")
+        warnings.append(f"{path}: the log has no POS messages; uavcover uses the positions of the first GPS")
     positions = estimated or measured
     if not positions:
-        raise TrackError(f"{path}: the log has no POS and no GPS messages; log them with bit 1 and 2 of LOG_BITMASK")
+        raise TrackError(f"{path}: the log has no POS or GPS messages; to log them, set bits 1 and 2 of LOG_BITMASK")
     pictures = cameras["CAM"] or cameras["TRIG"]
     if pictures and not cameras["CAM"]:
-        warnings.append(
-            f"{path}: the log has no CAM messages; the triggers (TRIG) count as photos, even if no photo was taken"
-        )
+        warnings.append(f"{path}: without CAM messages, triggers (TRIG) count as photos even if no photo was taken")
     return LoggedRows(
         np.array(positions),
         np.array(attitudes).reshape(-1, 4),

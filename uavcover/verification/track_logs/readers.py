@@ -33,15 +33,13 @@ def read_gpx(path: Path) -> LoggedRows:
     """
     text = path.read_bytes()
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise TrackError(
-            f"{path}: the file has a document type or entities, which a GPX file does not need; it is not read"
-        )
+        raise TrackError(f"{path}: a GPX file must not contain a document type or entities; remove them")
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
-        raise TrackError(f"{path}: the file is not a GPX file: {error}") from None
+        raise TrackError(f"{path}: cannot read the file as GPX: {error}") from None
     if _name(root) != "gpx":
-        raise TrackError(f"{path}: the file is not a GPX file but <{_name(root)}>")
+        raise TrackError(f"{path}: this is not a GPX file, because its root element is <{_name(root)}>")
     points = list(_points(path, root))
     if not points:
         raise TrackError(f"{path}: the file contains no track points")
@@ -49,8 +47,8 @@ def read_gpx(path: Path) -> LoggedRows:
     clock = np.array([[0.0, positions[0, 0]]])
     positions[:, 0] -= positions[0, 0]
     warning = (
-        f"{path}: its heights are read as above sea level, as the GPX standard requires; some loggers write "
-        "ellipsoid heights"
+        f"{path}: uavcover interprets the heights as above sea level, as the GPX standard requires; some loggers "
+        "write ellipsoid heights"
     )
     return LoggedRows(positions, np.empty((0, 4)), warnings=(warning,), clock=clock)
 
@@ -78,7 +76,7 @@ def _number(path: Path, point: int, name: str, text: str | None) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise TrackError(f"{path}: track point {point}: {name} is {text!r}, not a number")
+        raise TrackError(f"{path}: track point {point}: {name} must be a number, not {text!r}")
     return value
 
 
@@ -86,7 +84,7 @@ def _time_s(path: Path, point: int, text: str | None) -> float:
     try:
         moment = datetime.datetime.fromisoformat(text or "")
     except ValueError:
-        raise TrackError(f"{path}: track point {point}: time is {text!r}, not a date and time") from None
+        raise TrackError(f"{path}: track point {point}: time must be a date and time, not {text!r}") from None
     # GPX times are UTC, also those without a zone.
     return (moment if moment.tzinfo else moment.replace(tzinfo=datetime.UTC)).timestamp()
 

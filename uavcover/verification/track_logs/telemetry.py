@@ -90,9 +90,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     finally:
         log.close()
     if not positions:
-        raise TrackError(
-            f"{path}: the log has no GLOBAL_POSITION_INT messages, so no positions; is it a telemetry log?"
-        )
+        raise TrackError(f"{path}: the log has no GLOBAL_POSITION_INT messages (positions); is this a telemetry log?")
     # Only the autopilot's positions count; in a log without heartbeats it is the component that sends most.
     speaking = {key: len(rows) for key, rows in positions.items() if key in autopilots} or {
         key: len(rows) for key, rows in positions.items()
@@ -101,12 +99,12 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     if system is not None:
         if system not in systems:
             raise TrackError(
-                f"{path}: the log has no vehicle {system}; set --system to one of {', '.join(map(str, systems))}"
+                f"{path}: the log has no vehicle with system ID {system}; set --system to one of {', '.join(map(str, systems))}"
             )
         speaking = {key: count for key, count in speaking.items() if key[0] == system}
     elif len(systems) > 1:
         raise TrackError(
-            f"{path}: the log has positions of {len(systems)} vehicles (systems {', '.join(map(str, systems))}); "
+            f"{path}: the log has positions of {len(systems)} vehicles (system IDs {', '.join(map(str, systems))}); "
             "choose one with --system"
         )
     source = Counter(speaking).most_common(1)[0][0]

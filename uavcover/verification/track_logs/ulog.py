@@ -40,11 +40,11 @@ def read_ulog(path: Path) -> LoggedRows:
         TrackError: no such log, no positions, or pyulog is not installed.
     """
     if path.read_bytes()[: len(_MAGIC)] != _MAGIC:
-        raise TrackError(f"{path}: the file is not a PX4 ULog; it does not start with the ULog signature")
+        raise TrackError(f"{path}: this is not a PX4 ULog, because it does not start with the ULog signature")
     try:
         from pyulog import ULog
     except ImportError:
-        raise TrackError(f"{path}: reading .ulg needs pyulog: pip install pyulog") from None
+        raise TrackError(f"{path}: .ulg files require pyulog; install it with: pip install pyulog") from None
     try:
         log = ULog(str(path), message_name_filter_list=[*_TOPICS])
     except (ValueError, IndexError, KeyError, TypeError, struct.error, UnicodeDecodeError) as error:
@@ -58,9 +58,7 @@ def read_ulog(path: Path) -> LoggedRows:
         positions = np.column_stack([position["timestamp"] * 1e-6, position["lat"], position["lon"], position["alt"]])
     else:
         positions = _received(path, datasets)
-        warnings.append(
-            f"{path}: the log has no vehicle_global_position messages; the positions of its receiver are used"
-        )
+        warnings.append(f"{path}: the log has no vehicle_global_position messages; using its receiver's positions")
     attitudes = np.empty((0, 4))
     if "vehicle_attitude" in datasets:
         attitude = datasets["vehicle_attitude"]
@@ -96,8 +94,8 @@ def _received(path: Path, datasets: dict[str, dict[str, Any]]) -> FloatArray:
                 if good.any():
                     return np.asarray(rows[good])
     raise TrackError(
-        f"{path}: the log has no vehicle_global_position messages and no fix of a receiver (vehicle_gps_position), "
-        "so no positions"
+        f"{path}: the log has no vehicle_global_position messages and no receiver fix (vehicle_gps_position), and "
+        "therefore no positions"
     )
 
 
@@ -155,7 +153,7 @@ def _pictures(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArr
     if trigger := datasets.get("camera_trigger"):
         times = np.asarray(trigger["timestamp"], float) * 1e-6
         words = [
-            f"{path}: the log has no camera_capture messages; the triggers count as photos, even if no photo was taken"
+            f"{path}: the log has no camera_capture messages, so triggers count as photos even if no photo was taken"
         ]
         return np.column_stack([times, np.full((len(times), 2), np.nan)]), words
     return None, []
