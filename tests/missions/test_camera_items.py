@@ -98,7 +98,7 @@ def test_a_gimbal_is_pointed_in_each_autopilots_terms():
     assert gimbal == [PointGimbal(-60.0, 90.0, 0.0, 0.0, flags=16)]
     mount = [action_of(item) for item in px4.mission.items if isinstance(action_of(item), PointMount)]
     assert mount == [PointMount(-60.0)]
-    # PX4 keeps the heading by its waypoints; ArduPilot does not store it there.
+    # PX4 keeps the heading by its waypoints; ArduPilot does not store this value there.
     for result, keeps in ((ardupilot, False), (px4, True)):
         at = result.first_waypoint_item
         assert {item.params[3] == 90.0 for item in result.mission.items[at : at + 3]} == {keeps}

@@ -122,11 +122,11 @@ def test_a_fence_that_is_too_large_is_refused_before_a_search(autopilot):
         check_fence(large, autopilot=autopilot)
         return
     with pytest.raises(
-        InfeasibleError, match="would not accept this fence: the list: 845 items, but the limit of ArduPilot is"
+        InfeasibleError, match="would reject this fence: the list: 845 items exceed the ArduPilot limit of"
     ):
         check_fence(large, autopilot=autopilot)
     # No mission passes over a zone as high as transits may be.
-    with pytest.raises(InfeasibleError, match="would not accept this fence"):
+    with pytest.raises(InfeasibleError, match="would reject this fence"):
         check_fence(make_site(no_fly=many(400, ceiling_agl_m=500.0)), autopilot=autopilot)
     # What a mission may pass over need not be in the fence, and a few zones are no problem.
     check_fence(make_site(no_fly=many(400, ceiling_agl_m=20.0)), autopilot=autopilot)
@@ -138,6 +138,6 @@ def test_plan_refuses_the_fence_of_a_single_vehicle_before_it_searches(tmp_path,
     """Only vehicles that differ were asked, so that a usual plan was searched for first."""
     monkeypatch.setattr("uavcover.planner.command.plan_and_site", lambda *_args, **_keys: pytest.fail("searched"))
     request = PlanRequest(scenario=make_site(no_fly=many(400)), folder=tmp_path / "run", command=(), force=False)
-    with pytest.raises(InfeasibleError, match="would not accept this fence"):
+    with pytest.raises(InfeasibleError, match="would reject this fence"):
         plan_into(request, Unattended(), check_site=lambda _: None)
     assert not (tmp_path / "run" / "plan.json").exists()

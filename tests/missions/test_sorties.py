@@ -217,8 +217,11 @@ def test_what_no_flight_reaches_is_named_with_the_amount() -> None:
         compile_sorties(site, there_and_back(site), autopilot="ardupilot")
     message = str(caught.value)
     assert message.startswith("the leg to waypoint ")
-    assert "flown alone it takes " in message
-    assert "vehicle.endurance_s is 75 s, and vehicle.reserve_fraction = 0.2 leaves 60 s; move [home] nearer" in message
+    assert "a sortie with this part alone takes " in message
+    assert (
+        "vehicle.endurance_s is 75 s, and vehicle.reserve_fraction = 0.2 allows flights of at most 60 s; move [home] nearer"
+        in message
+    )
     assert "\n" not in message
 
 
@@ -277,7 +280,7 @@ def test_which_flight_is_meant_must_be_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not sortie 9: add --sortie"):
         run.flight(9)
     assert run.flight(2).path.name == "sortie-2"
-    with pytest.raises(InputError, match="is one flight without sorties"):
+    with pytest.raises(InputError, match="is a single flight without sorties"):
         run.flight(2).flight(1)
     with pytest.raises(InputError, match=r"has no track.csv; create it with: uavcover fly --sortie 1"):
         flown_tracks(run)
@@ -371,5 +374,5 @@ def test_an_area_that_nothing_can_see_is_refused() -> None:
     site = make_site(
         no_fly=(NoFly(polygon_east_north_m=((-90, -90), (400, -90), (400, 300), (-90, 300)), margin_m=30.0),)
     )
-    with pytest.raises(InfeasibleError, match="no part of it can be observed"):
+    with pytest.raises(InfeasibleError, match="no part of the area can be observed"):
         check_reach([site], judging_map(site), 0.98)

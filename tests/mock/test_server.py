@@ -178,7 +178,7 @@ def test_a_port_that_is_taken_is_an_error():
         MockServer(MockVehicle(PX4, HOME), port=mock.port)
     with (
         MockServer(MockVehicle(PX4, HOME), kind=TcpPort) as server,
-        pytest.raises(VehicleError, match="is the port taken"),
+        pytest.raises(VehicleError, match="is the port in use"),
     ):
         MockServer(MockVehicle(PX4, HOME), kind=TcpPort, port=server.port)
 

@@ -108,12 +108,16 @@ def test_no_spelling_means_two():
     [
         (camera_named, "sony-a7r4", "did you mean sony-a7r4-35mm"),
         (camera_named, "dji-m3", "dji-m3e"),
-        (camera_named, "??", "it is your own TOML file"),
-        (camera_named, "", "is not known"),
-        (camera_named, "nowhere.toml", "nowhere.toml cannot be read"),
+        (camera_named, "??", "your own TOML file"),
+        (camera_named, "", "unknown name ''"),
+        (camera_named, "nowhere.toml", "cannot read nowhere.toml"),
         (vehicle_named, "m350 rtk", "dji-m350-rtk"),
-        (vehicle_named, "x", "(uavcover new --vehicle list shows all)"),
-        (dji_aircraft_named, "x", "(uavcover export --drone list shows all)"),  # it named a command without --drone
+        (vehicle_named, "x", "(see uavcover new --vehicle list)"),
+        (
+            dji_aircraft_named,
+            "x",
+            "(see uavcover export --drone list)",
+        ),  # it named a command without --drone
     ],
 )
 def test_a_name_that_is_not_known(find, wanted, words):
@@ -142,14 +146,14 @@ def test_a_camera_and_a_vehicle_of_ones_own(tmp_path):
         ("[", "not valid TOML"),
         ("", "sensor_mm: the key is missing; required keys are"),
         (OWN.replace("pixels", "pixel"), "pixel: unknown key; did you mean pixels?"),
-        (OWN.replace("[13.2, 8.8]", "13.2"), "is not a list of two numbers"),
-        (OWN.replace("[13.2, 8.8]", "[13.2, 0]"), "is not a number above 0"),
-        (OWN.replace("8.8]", '"8.8"]'), "is not a number above 0"),
+        (OWN.replace("[13.2, 8.8]", "13.2"), "must be two numbers"),
+        (OWN.replace("[13.2, 8.8]", "[13.2, 0]"), "must be a number above 0"),
+        (OWN.replace("8.8]", '"8.8"]'), "must be a number above 0"),
         (OWN.replace("8.8]", "8.0]"), "are not square"),
-        (OWN.replace("5472", "5472.5"), "are not whole numbers"),
-        (OWN.replace("= 8.8", "= nan"), "is not a number above 0"),
+        (OWN.replace("5472", "5472.5"), "must be whole numbers"),
+        (OWN.replace("= 8.8", "= nan"), "must be a number above 0"),
         (OWN.replace("= 8.8", "= 0.5"), "not the 35 mm equivalent"),
-        (OWN.replace("1.5", "-1"), "is not a number above 0"),
+        (OWN.replace("1.5", "-1"), "must be a number above 0"),
         ("[a]\n" + OWN + "[b]\n" + OWN, "has several tables (a, b); keep only one"),
     ],
 )  # fmt: skip
@@ -166,7 +170,7 @@ def test_a_bad_camera_is_one_line(tmp_path, text, words):
 def test_a_bad_vehicle_is_one_line(tmp_path):
     path = tmp_path / "v.toml"
     for text, words in (
-        ('autopilot = "dji"', "use ardupilot or px4"),
+        ('autopilot = "dji"', "must be ardupilot or px4"),
         ("speed = 3", "unknown key"),
         ("endurance_s = 0", "above 0"),
     ):

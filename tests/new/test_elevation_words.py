@@ -12,9 +12,9 @@ SURFACES = {
     "Copernicus_DSM_COG_10_N46_00_E008_00_DEM.tif": "Copernicus DEM GLO-30 is a surface, with buildings and trees",
     "Copernicus_DSM_30_N46_00_E008_00_DEM.tif": "Copernicus DEM GLO-90",
     "ALPSMLC30_N046E008_DSM.tif": "ALOS World 3D",
-    "N46E008.hgt": "named like an SRTM tile",
-    "n46e008.SRTMGL1.hgt.zip": "named like an SRTM tile",
-    "smith_SRTM.tif": "named like an SRTM tile",
+    "N46E008.hgt": "the name of an SRTM tile",
+    "n46e008.SRTMGL1.hgt.zip": "the name of an SRTM tile",
+    "smith_SRTM.tif": "the name of an SRTM tile",
     "ASTGTMV003_N46E008_dem.tif": "ASTER GDEM",
     "site-dsm.tif": 'contains "dsm"',
     "DSM_2024.tif": 'contains "DSM"',
@@ -48,7 +48,7 @@ def test_metadata_tell_too(tmp_path):
     assert surface_in_words(source) is None
     with rasterio.open(source.files[0], "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="Digital Surface Model, 1 m")
-    assert surface_in_words(source) == 'its metadata contain "Surface Model"'
+    assert surface_in_words(source) == 'its metadata contains "Surface Model"'
     with rasterio.open(source.files[0], "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="Digital Terrain Model; the surface model is sold apart")
     assert surface_in_words(source) is None
@@ -71,7 +71,7 @@ def test_feet_in_metadata_are_asked_about_unless_the_file_states_its_unit(tmp_pa
     path = write_models(tmp_path).ground
     with rasterio.open(path, "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="LiDAR bare earth, US survey feet")
-    assert feet_in_words(TerrainSource((path,))) == 'its metadata contain "feet"'
+    assert feet_in_words(TerrainSource((path,))) == 'its metadata contains "feet"'
     with rasterio.open(path, "r+") as file:
         file.units = ("m",)
     assert feet_in_words(TerrainSource((path,))) is None

@@ -30,5 +30,5 @@ def test_an_oblique_set_looks_straight_down_and_to_four_sides():
 
 
 def test_an_unknown_pattern():
-    with pytest.raises(InputError, match=r"^--pattern: 'grid' is not known; use single, crosshatch or oblique$"):
+    with pytest.raises(InputError, match=r"^--pattern: must be single, crosshatch or oblique, not 'grid'$"):
         views_of("grid", along_deg=0.0)

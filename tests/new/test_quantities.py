@@ -23,7 +23,7 @@ def test_quantities(read, text, value):
     "text", ["2.5", "cm", "", "-1cm", "0cm", "1e400cm", "2,5cm", "2.5 parsec", "nan cm", "2.5cm 3"]
 )
 def test_a_quantity_that_is_not_understood(text):
-    with pytest.raises(InputError, match=r"^--gsd: .*; write it as 2\.5cm"):
+    with pytest.raises(InputError, match=r"^--gsd: .*(write it|such) as 2\.5cm"):
         quantities.length_m(text, option="--gsd", example="2.5cm")
 
 

@@ -59,7 +59,7 @@ def test_the_speed_obeys_the_camera():
     found = design(camera=camera)
     assert found.speed_m_s < 10.0
     assert found.picture_distance_m / found.speed_m_s >= 2.0 * 1.1
-    assert "2 s at least between two of dji-mini-3-pro" in found.speed_reason
+    assert "the 2 s interval of dji-mini-3-pro" in found.speed_reason
     with pytest.raises(InputError, match=r"^--speed: .* a coarser --gsd or a lower --speed"):
         design(camera=camera, speed_m_s=10.0)
     with pytest.raises(InputError, match=r"^--overlap: .* use less forward overlap"):
@@ -69,7 +69,7 @@ def test_the_speed_obeys_the_camera():
 def test_the_speed_obeys_the_vehicle():
     assert design(vehicle=vehicle_named("px4")).speed_m_s == 5.0
     assert design(vehicle=vehicle_named("dji-mini-3-pro")).speed_m_s == 8.0
-    with pytest.raises(InputError, match=r"^--speed: 14 m/s is more than the 12 m/s of px4"):
+    with pytest.raises(InputError, match=r"^--speed: 14 m/s exceeds the maximum of px4"):
         design(vehicle=vehicle_named("px4"), speed_m_s=14.0)
     assert design(vehicle=vehicle_named("dji-m3e")).endurance_s == 2700.0
     assert design(vehicle=vehicle_named("dji-m3e"), endurance_s=1500.0).endurance_s == 1500.0
@@ -78,8 +78,8 @@ def test_the_speed_obeys_the_vehicle():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"gsd_m": 0.002}, "--gsd: 0.2 cm with dji-m3e means flying at 7.5 m"),
-        ({"ceiling_agl_m": 20.0}, "--max-height: 20 m leaves no height band"),
+        ({"gsd_m": 0.002}, "--gsd: 0.2 cm with dji-m3e requires a height of 7.5 m"),
+        ({"ceiling_agl_m": 20.0}, "--max-height: 20 m leaves no room for a height band"),
     ],
 )
 def test_what_cannot_be_flown(changes, words):

@@ -109,7 +109,7 @@ NONE = np.ones((12, 1))
 @pytest.mark.parametrize(
     ("objectives", "violations", "message"),
     [
-        (lambda m: np.ones((11, m)), NONE, r"objectives have shape \(11, {m}\): use \(12, {m}\)"),
+        (lambda m: np.ones((11, m)), NONE, r"objectives have shape \(11, {m}\); use \(12, {m}\)"),
         (lambda _: np.ones((12, 3)), NONE, r"objectives have shape \(12, 3\)"),
         (lambda _: np.ones(12), NONE, r"objectives have shape \(12,\)"),
         (lambda m: np.where(np.eye(12, m) > 0, np.nan, 1.0), NONE, r"objectives: entry \(0, 0\) is nan"),
@@ -134,7 +134,7 @@ def test_a_bad_tell_is_refused_and_changes_nothing(algorithm, objectives, violat
 
 def test_tell_before_ask_and_result_before_tell_are_refused(algorithm):
     optimizer = build(algorithm)
-    with pytest.raises(OptimizerError, match="no candidates are evaluated"):
+    with pytest.raises(OptimizerError, match="no candidates evaluated"):
         optimizer.pareto_set()
     with pytest.raises(OptimizerError, match="no candidates are open"):
         optimizer.tell(np.ones((12, width(algorithm))))
@@ -154,8 +154,8 @@ def test_tell_before_ask_and_result_before_tell_are_refused(algorithm):
         ({"archive_size": 0}, "archive_size is 0"),
         ({"seed": -1}, "seed is -1"),
         ({"seed": True}, "seed is True"),
-        ({"initial": [[0.0, 0.0]]}, r"initial: shape \(1, 2\)"),
-        ({"initial": np.full((13, 3), 0.5)}, r"initial: shape \(13, 3\)"),
+        ({"initial": [[0.0, 0.0]]}, r"initial: the shape is \(1, 2\)"),
+        ({"initial": np.full((13, 3), 0.5)}, r"initial: the shape is \(13, 3\)"),
         ({"initial": [[0.0, 0.0, 0.6]]}, "outside the bounds"),
         ({"initial": [[0.0, np.nan, 0.5]]}, r"initial: entry \(0, 1\) is nan"),
     ],
@@ -167,7 +167,7 @@ def test_arguments_that_make_no_sense_are_refused(algorithm, overrides, message)
 
 @pytest.mark.parametrize("name", ["imodbo", "modbo", "dbo"])
 def test_a_population_smaller_than_the_four_groups_is_refused(name):
-    with pytest.raises(OptimizerError, match="population_size is 3: use a whole number >= 4"):
+    with pytest.raises(OptimizerError, match="population_size is 3; use a whole number >= 4"):
         build(ALGORITHMS[name], population_size=3)
 
 
@@ -261,7 +261,7 @@ def test_memory_does_not_grow(algorithm):
 @pytest.mark.parametrize("m", [1, 3, 4])
 def test_other_numbers_of_objectives(algorithm, m):
     if algorithm.most_objectives is not None and m > algorithm.most_objectives:
-        with pytest.raises(OptimizerError, match=f"n_objectives is {m}: {algorithm.__name__} minimises at most 1"):
+        with pytest.raises(OptimizerError, match=f"n_objectives is {m}, but {algorithm.__name__} minimises at most 1"):
             build(algorithm, n_objectives=m)
         return
     centres = np.linspace(-1, 1, m)

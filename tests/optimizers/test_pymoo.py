@@ -257,9 +257,9 @@ class TestOursInTheirs:
             minimize(problem, UavcoverAlgorithm("modbo"), ("time", "00:00:01"), seed=1)
 
     def test_an_unknown_name_is_refused(self):
-        with pytest.raises(OptimizerError, match="'simplex' is not known: choose one of dbo, "):
+        with pytest.raises(OptimizerError, match="'simplex' is unknown; choose one of dbo, "):
             UavcoverAlgorithm("simplex")
-        with pytest.raises(OptimizerError, match="'nsga2' is pymoo's own: use it directly"):
+        with pytest.raises(OptimizerError, match="'nsga2' is pymoo's own algorithm; use it directly"):
             UavcoverAlgorithm("nsga2")
 
     def test_bad_values_are_refused(self):

@@ -62,26 +62,32 @@ def test_launch_points_are_places_of_one_vehicle_that_flies_one_flight_at_a_time
     ("tables", "words"),
     [
         ("[[launch_point]]\nlat_deg = 'x'\nlon_deg = 3\n", "launch_point.0.lat_deg: must be a finite number"),
-        ("[[launch_point]]\nlat_deg = 95.0\nlon_deg = 3\n", "launch_point.0.lat_deg: 95.0 is outside -90..90"),
+        (
+            "[[launch_point]]\nlat_deg = 95.0\nlon_deg = 3\n",
+            "launch_point.0.lat_deg: must be between -90 and 90, not 95.0",
+        ),
         ("[[launch_point]]\nlat = 3.0\nlon_deg = 3.0\n", "launch_point.0.lat: unknown key (did you mean lat_deg?)"),
         ("[[launch_point]]\nlat_deg = 36.4\n", "launch_point.0: specify lat_deg and lon_deg"),
         ("[[launch_point]]\neast_m = 1.0\nnorth_m = 2.0\n", "launch_point.0: specify lat_deg and lon_deg"),
-        ("[launch_point]\nlat_deg = 36.4\n", "launch_point: write [[launch_point]] with lat_deg and lon_deg once"),
+        (
+            "[launch_point]\nlat_deg = 36.4\n",
+            "launch_point: write one [[launch_point]] table with lat_deg and lon_deg for",
+        ),
         (
             2 * "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n",
-            "launch_point.1: this duplicates an earlier position",
+            "launch_point.1: duplicates an earlier position",
         ),
         (
             "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\nvehicles = 2\n",
-            "launch_point: launch points are for one [vehicle]; several vehicles need their own homes",
+            "launch_point: launch points are supported for only one [vehicle]; define a home for each",
         ),
         (
             "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\none_at_a_time = false\n",
-            "fleet.one_at_a_time: one vehicle with launch points flies one flight at a time",
+            "fleet.one_at_a_time: remove this key, because one vehicle with launch points always flies one sortie at a time",
         ),
         (
             "[fleet]\none_at_a_time = true\n",
-            "fleet.one_at_a_time: this key is for vehicles that differ, or for one with launch",
+            "fleet.one_at_a_time: this key applies to different vehicles, or to one vehicle with launch",
         ),
     ],
 )
@@ -91,7 +97,7 @@ def test_mistakes_in_launch_points(tables, words):
 
 def test_launch_points_need_a_home():
     text = re.sub(r"\[home\]\n(?:\w+ = .*\n)+", "", GOOD) + "\n[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n"
-    assert "launch_point: launch points are positions in addition to [home], which is missing" in refused(text=text)
+    assert "launch_point: launch points require a [home]" in refused(text=text)
 
 
 def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
@@ -116,23 +122,23 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        ("[[vehicle]]\n[[vehicle]]\ncruise_speed_m_s = -1.0\n", "vehicle.1.cruise_speed_m_s: -1.0 must be above 0"),
+        ("[[vehicle]]\n[[vehicle]]\ncruise_speed_m_s = -1.0\n", "vehicle.1.cruise_speed_m_s: must be greater"),
         (
             "[[vehicle]]\n[[vehicle]]\nsensor = 1\n",
             "vehicle.1.sensor: must be a table with a kind ('sphere' or 'disc' or",
         ),
         (
             "[vehicle]\nsensor = 1\n",
-            "vehicle.sensor: a single vehicle needs its sensor in [sensor]; [[vehicle]] is for several",
+            "vehicle.sensor: a single vehicle takes its sensor from [sensor]; use [[vehicle]] only for several vehicles",
         ),
         (
             "[[vehicle]]\n[[vehicle]]\nsensor = { fov_deg = 3.0 }\n",
-            "vehicle.1.sensor.kind: the key is missing; use 'sphere' or",
+            "vehicle.1.sensor.kind: the key is missing; set it to 'sphere' or",
         ),
         ("[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'lidar' }\n", "vehicle.1.sensor.kind: must be 'sphere' or"),
         (
             "[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'nadir-camera', fov_deg = 190.0, range_m = 200.0 }\n",
-            "vehicle.1.sensor.fov_deg: 190.0 is outside 0..180",
+            "vehicle.1.sensor.fov_deg: must be between 0 and 180 degrees, not 190.0",
         ),
         (
             "[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'nadir-camera', fov_deg = 60.0, range_m = 200.0, fov = 3.0 }\n",
@@ -154,15 +160,15 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             "[vehicle]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "vehicle.home: a single vehicle needs its home in [home]",
+            "vehicle.home: a single vehicle takes its home from [home]",
         ),
         (
             "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "vehicle.0.home: a single vehicle needs its home in",
+            "vehicle.0.home: a single vehicle takes its home from",
         ),
         (
             "[vehicle]\narea = { file = 'a.kml' }\n",
-            "vehicle.area: a single vehicle covers the whole [area]; [[vehicle]] is for",
+            "vehicle.area: a single vehicle covers the whole [area]; use [[vehicle]] only for",
         ),
         ("[[vehicle]]\narea = { file = 'a.kml' }\n", "vehicle.0.area: a single vehicle covers the whole [area]"),
         ("[[vehicle]]\narea = { file = 'a.kml' }\n[[vehicle]]\n", "vehicle.0.area.file: "),
@@ -183,12 +189,12 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             "[[vehicle]]\narea = { polygon_lon_lat_deg = [[36.47, -184.2], [36.48, -184.2], [36.48, -184.21]] }\n[[vehicle]]\n",
-            "vehicle.0.area: polygon_lon_lat_deg: (36.47, -184.2) is not a longitude and a latitude",
+            "vehicle.0.area: polygon_lon_lat_deg: (36.47, -184.2) is not a longitude and latitude",
         ),
-        ("[[vehicles]]\n", "vehicles: unknown key; write [[vehicle]] once for each vehicle"),
+        ("[[vehicles]]\n", "vehicles: unknown key; write one [[vehicle]] table for each vehicle"),
         (
             "[wind]\nspeed_m_s = 3.0\n[[vehicle]]\nmax_airspeed_m_s = 15.0\n[[vehicle]]\n",
-            "wind.speed_m_s: 3.0 m/s needs a larger vehicle.1.max_airspeed_m_s, not None",
+            "wind.speed_m_s: 3.0 m/s requires a larger vehicle.1.max_airspeed_m_s than none",
         ),
         (
             "[[vehicle]]\n[[vehicle]]\n[fleet]\nvehicles = 3\n",
@@ -198,12 +204,12 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ("vehicle = 3\n", "vehicle: must be a table, not 3"),
         ("vehicle = []\n", "vehicle: must be a table, not []"),
         ("[[vehicle]]\n[[vehicle]]\n[[fleet]]\n", "fleet: must be a table"),
-        ("[fleet]\nvehicles = 0\n", "fleet.vehicles: 0 is outside 1..50"),
+        ("[fleet]\nvehicles = 0\n", "fleet.vehicles: must be between 1 and 50, not 0"),
         ("[fleet]\nvehicles = 2.5\n", "fleet.vehicles: must be a whole number"),
-        ("[fleet]\nseparation_m = 0.0\n", "fleet.separation_m: 0.0 must be above 0"),
+        ("[fleet]\nseparation_m = 0.0\n", "fleet.separation_m: must be greater"),
         ("[fleet]\nseparation_m = nan\n", "fleet.separation_m: must be a finite number"),
-        ("[fleet]\nturnaround_s = -1.0\n", "fleet.turnaround_s: -1.0 must not be negative"),
-        ("[fleet]\ntiming_error_fraction = 5.0\n", "fleet.timing_error_fraction: 5.0 is outside 0..0.5"),
+        ("[fleet]\nturnaround_s = -1.0\n", "fleet.turnaround_s: must not be negative"),
+        ("[fleet]\ntiming_error_fraction = 5.0\n", "fleet.timing_error_fraction: must be between 0 and 0.5, not 5.0"),
     ],
 )
 def test_mistakes_in_a_fleet(tables, words):

@@ -75,22 +75,22 @@ def test_geojson_with_several_parts(tmp_path, document):
 @pytest.mark.parametrize(
     ("document", "words"),
     [
-        ("{", "cannot be read as GeoJSON"),
-        ("[" * 100_000, "cannot be read as GeoJSON"),
-        ({"type": "Point", "coordinates": [1, 2]}, "has no polygon"),
-        ([], "has no polygon"),
-        ({"type": "MultiPolygon", "coordinates": []}, "has no polygon"),
-        ({"type": "MultiPolygon", "coordinates": [[OUTER], []]}, "the file is not a GeoJSON polygon"),
+        ("{", "cannot read the file as GeoJSON"),
+        ("[" * 100_000, "cannot read the file as GeoJSON"),
+        ({"type": "Point", "coordinates": [1, 2]}, "contains no polygons"),
+        ([], "contains no polygons"),
+        ({"type": "MultiPolygon", "coordinates": []}, "contains no polygons"),
+        ({"type": "MultiPolygon", "coordinates": [[OUTER], []]}, "cannot read the file as GeoJSON polygons"),
         (
             {"type": "MultiPolygon", "coordinates": [[OUTER], [HOLE, OUTER]]},
             "polygon 1: hole 0: the hole reaches outside",
         ),
         ({"type": "MultiPolygon", "coordinates": [[OUTER], [HOLE[:2]]]}, "polygon 1: a ring needs at least 3"),
-        ({"type": "Polygon", "coordinates": []}, "the file is not a GeoJSON polygon"),
-        ({"type": "Polygon"}, "the file is not a GeoJSON polygon"),
-        ({"type": "Polygon", "coordinates": [[["a", "b"]]]}, "the file is not a GeoJSON polygon"),
-        ({"type": "FeatureCollection", "features": 5}, "the file is not a GeoJSON polygon"),
-        ({"type": "MultiPolygon", "coordinates": 5}, "the file is not a GeoJSON polygon"),
+        ({"type": "Polygon", "coordinates": []}, "cannot read the file as GeoJSON polygons"),
+        ({"type": "Polygon"}, "cannot read the file as GeoJSON polygons"),
+        ({"type": "Polygon", "coordinates": [[["a", "b"]]]}, "cannot read the file as GeoJSON polygons"),
+        ({"type": "FeatureCollection", "features": 5}, "cannot read the file as GeoJSON polygons"),
+        ({"type": "MultiPolygon", "coordinates": 5}, "cannot read the file as GeoJSON polygons"),
         ({"type": "Polygon", "coordinates": [[[500000.0, 4e6], [500100.0, 4e6], [500100.0, 5e6]]]}, "in this order"),
         (
             {**FEATURE, "crs": {"type": "name", "properties": {"name": "EPSG:32616"}}},
@@ -108,7 +108,7 @@ def test_geojson_that_is_no_area(tmp_path, document, words):
 
 
 def test_geojson_that_is_not_there(tmp_path):
-    assert "cannot be read as GeoJSON" in refused(text=WITH_GEOJSON, folder=tmp_path)
+    assert "cannot read the file as GeoJSON" in refused(text=WITH_GEOJSON, folder=tmp_path)
 
 
 def test_a_broken_geojson_is_named_beside_other_mistakes(tmp_path):

@@ -132,7 +132,7 @@ def test_a_route_stays_on_one_side_of_a_cliff():
     say_steps(words, site)
     (warning,) = words.warnings
     assert "% of the area is next to or behind them" in warning
-    enough_m = float(warning.split("max_height_agl_m to at least ")[1].split()[0].rstrip(";"))
+    enough_m = float(warning.split("max_height_agl_m to at least ")[1].split()[0].rstrip(",;"))
     assert enough_m == pytest.approx(40.0 + 110.0 - LEVEL * STEP_M, abs=2.0)
     wider = make_site(cliff(110.0), ring=AREA, cell_m=15.0, limits={"max_height_agl_m": enough_m})
     assert flyable_area(wider).polygon is wider.fence

@@ -106,25 +106,25 @@ def test_polygons_of_geojson_with_a_courtyard(tmp_path):
         (
             "a.csv",
             "east_m,north_m,length_m,width_m,heading_deg,height_m\n1,2,3,4,5,-6\n",
-            "line 2: height_m: -6.0 must",
+            "line 2: height_m: must be greater than 0, not -6.0",
         ),
         (
             "a.csv",
             "east_m,north_m,length_m,width_m,heading_deg,height_m\n1,2,3,0,5,6\n",
             "line 2: length_m and width_m",
         ),
-        ("a.geojson", "{", "cannot be read as GeoJSON"),
+        ("a.geojson", "{", "cannot read the file as GeoJSON"),
         (
             "a.geojson",
             '{"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1]]]}',
-            "polygon 0 has no property height_m",
+            "polygon 0 has no height_m",
         ),
         (
             "a.geojson",
             '{"type": "Feature", "properties": {"height_m": "9"}, "geometry": {"type": "Polygon", "coordinates": []}}',
-            "polygon 0: height_m: '9' is not a number",
+            "polygon 0: height_m: expected a number",
         ),
-        ("a.txt", "", "is not a .geojson, .kml, .kmz or .csv"),
+        ("a.txt", "", "use a .geojson, .kml, .kmz or .csv"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, words):
@@ -144,19 +144,19 @@ def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, words):
         (
             "clearance_beside_m = 10.0",
             "clearance_beside_m = -1.0",
-            "obstacles.clearance_beside_m: -1.0 must not be negative",
+            "obstacles.clearance_beside_m: must not be negative",
         ),
         (
             "clearance_beside_m = 10.0",
             "clearance_beside_m = 90.0",
-            "obstacles.clearance_beside_m: 90.0 m must be at most",
+            "obstacles.clearance_beside_m: must be at most",
         ),
         (
             'line_of_sight = "ray"',
             'line_of_sight = "midpoint"',
-            'sensor.line_of_sight: among obstacles it must be "ray"',
+            'sensor.line_of_sight: with obstacles, this must be "ray"',
         ),
-        ("height_m = 22.2", "height_m = 0.0", "obstacles.prisms.0: height_m: 0.0 must be above 0"),
+        ("height_m = 22.2", "height_m = 0.0", "obstacles.prisms.0: height_m: must be greater"),
         ("height_m = 22.2", "hight_m = 22.2", "obstacles.prisms.0.hight_m: unknown key"),
     ],
 )
@@ -178,7 +178,8 @@ def test_a_footprint_that_crosses_itself_is_refused(tmp_path):
 def test_home_keeps_clear_of_obstacles():
     near = Obstacle(height_m=5.0, rings_east_north_m=(tuple((465.0 + e, -462.0 + n) for e, n in BOX),), name="shed")
     with pytest.raises(
-        ScenarioError, match=r"home: 8\.0 m from obstacle 'shed', but obstacles\.clearance_beside_m is 10 m"
+        ScenarioError,
+        match=r"home: the position is 8\.0 m from obstacle 'shed', but obstacles\.clearance_beside_m is 10 m",
     ):
         load_site(ridge(prisms=(near,)))
 

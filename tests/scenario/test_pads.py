@@ -91,7 +91,7 @@ def test_another_distance() -> None:
     assert 30.0 < nearest_m < 30.02
     text = refusal(fleet_of(make_site(), 7, pad_spacing_m=30.0))
     assert "fleet.pad_spacing_m: 30 is below" in text
-    assert "= 46; use a larger value, lower max_home_error_m" in text
+    assert "= 46; increase it, lower max_home_error_m" in text
 
 
 BESIDE = ((-150.0, 70.0), (-50.0, 70.0), (-50.0, 300.0), (-150.0, 300.0))
@@ -128,7 +128,7 @@ def test_pads_keep_away_from_slopes_obstacles_zones_and_the_fence(
     narrow = dataclasses.replace(site, fence=site.fence.intersection(shapely.Point(HOME).buffer(60.0)))
     text = refusal(narrow)
     assert why in text
-    assert "of 7 pads, 46 m apart" in text
+    assert "of 7 pads 46 m apart" in text
 
 
 def test_a_zone_above_the_pads_does_not_matter() -> None:
@@ -139,8 +139,8 @@ def test_a_zone_above_the_pads_does_not_matter() -> None:
 def test_a_steep_slope_has_no_room_and_says_what_to_do() -> None:
     site = fleet_of(make_site(lambda e, n: 0.5 * e + 0.0 * n), 3)
     text = refusal(site)
-    assert "fleet.vehicles: beside [home] there is room for 1 of 3 pads, 46 m apart" in text
-    assert "the ground slopes by 27 degrees, fleet.max_pad_slope_deg is 15" in text
+    assert "fleet.vehicles: beside [home] there is room for only 1 of 3 pads 46 m apart" in text
+    assert "the ground at a pad slopes by 27 degrees, but fleet.max_pad_slope_deg is 15" in text
     assert "fleet.pad_spacing_m = 0" in text
     assert len(pads_of(fleet_of(make_site(lambda e, n: 0.5 * e + 0.0 * n), 3, max_pad_slope_deg=30.0))) == 3
 

@@ -62,7 +62,7 @@ PLACE = Origin(lat_deg=36.4762, lon_deg=-84.216, alt_amsl_m=320.0)
     [
         ({"area": {"polygon_lon_lat_deg": SWAPPED}}, ScenarioError, "area.polygon_lon_lat_deg: .* swapped"),
         ({"limits": {"fence_lon_lat_deg": SWAPPED}}, ScenarioError, "home: the take-off position is outside|swapped"),
-        ({"home": Home(lat_deg=-84.216, lon_deg=36.4762)}, TerrainError, "home: .*no elevation.* swapped"),
+        ({"home": Home(lat_deg=-84.216, lon_deg=36.4762)}, TerrainError, "home: .*no elevation data.* swapped"),
         (
             {"area": {"polygon_lon_lat_deg": None, "polygon_east_north_m": MAP}, "origin": PLACE, "home": None},
             ScenarioError, r"area\.polygon_east_north_m: the position is 4041 km from the origin of the local frame; the",
@@ -94,7 +94,7 @@ def test_an_area_beyond_the_data_is_refused_with_its_place():
     beyond = ((-84.22684, 36.40), (-84.21566, 36.40), (-84.21566, 36.49))
     site = build(jacksboro(area={"polygon_lon_lat_deg": beyond}))
     with pytest.raises(
-        TerrainError, match=r"^area: there is no elevation in .* % of its cells, first at latitude 36.4"
+        TerrainError, match=r"^area: there is no elevation data in .* % of its cells, first at latitude 36.4"
     ):
         make_cells(site, 20.0)
 
@@ -124,5 +124,5 @@ def test_a_home_in_metres_and_an_origin():
     assert site.area.area == pytest.approx(45_000.0 - 600.0)
     assert site.home_m[:2].tolist() == [20.0, 10.0]
     assert site.home_m[2] == site.ground.heights_m([20.0, 10.0])[0]
-    with pytest.raises(ScenarioError, match="nothing is left"):
+    with pytest.raises(ScenarioError, match="the holes cover the whole area"):
         build(jacksboro(area={**area, "holes_east_north_m": (ring,)}, origin=PLACE, home=None))

@@ -116,7 +116,7 @@ def test_home_is_on_the_ground_and_in_the_open(models):
     for place in ((300.0, 200.0), (127.0, 306.0)):
         assert stands_m(*place) > 0.0
         with pytest.raises(
-            ScenarioError, match=r"home: the surface is (21|22|8|9)\.\d m above the ground.*open ground"
+            ScenarioError, match=r"home: the surface there is (21|22|8|9)\.\d m above the ground.*open ground"
         ):
             site_of(models, home=place)
 
@@ -151,12 +151,12 @@ BAD = {
     "no such file": ('surface_file = "no.tif"', {}, r"no\.tif: no such file \(terrain\.surface_file is relative"),
     "a key without its file": ('surface_band = 2', {}, r"terrain\.surface_band: this key describes a surface model"),
     "the same file": ('surface_file = "dtm.tif"', {}, r"is the same file as terrain\.file"),
-    "hides nothing": (SURFACE + "\nsurface_hides_m = 0.0", {}, r"terrain\.surface_hides_m: .* must be above 0"),
+    "hides nothing": (SURFACE + "\nsurface_hides_m = 0.0", {}, r"terrain\.surface_hides_m: must be greater than 0"),
     "no tile": ('surface_file = "none/*.tif"', {}, r"terrain\.surface_file: none/\*\.tif contains no tile"),
-    "in feet": (SURFACE, {"factor": 1.0 / 0.3048}, r"3\.28 times as high: the surface seems to be in feet.*surface_height_unit"),
-    "another datum": (SURFACE, {"shift_m": 47.3}, r"47\.3 m above the ground of terrain\.file \(47\.2 to 69\.3 m at 98 % of"),
-    "another datum below": (SURFACE, {"shift_m": -31.0}, r"lies 31\.0 m under the ground of terrain\.file \(-31\.1 to -9\.0"),
-    "home under an offset": (SURFACE, {"shift_m": 6.0}, r"home: the surface is 6\.\d m above the ground there.*vertical datum"),
+    "in feet": (SURFACE, {"factor": 1.0 / 0.3048}, r"3\.28 times its height; the surface seems to be in feet"),
+    "another datum": (SURFACE, {"shift_m": 47.3}, r"47\.3 m above the ground in terrain\.file \(47\.2 to 69\.3 m at 98 % of the"),
+    "another datum below": (SURFACE, {"shift_m": -31.0}, r"lies 31\.0 m under the ground in terrain\.file \(-31\.1 to -9\.0"),
+    "home under an offset": (SURFACE, {"shift_m": 6.0}, r"home: the surface there is 6\.\d m above the ground.*vertical datum"),
 }  # fmt: skip
 
 
@@ -188,12 +188,12 @@ def test_swapped_files_are_noticed(tmp_path, wood, caplog):
         # A single house may as well be newer than the other model: flights keep above both.
         assert site_of(tmp_path).ground_model is not None
         assert (
-            "dsm.tif (data from 46.9515, 8.3166 to 46.9569, 8.3245) lies under the ground of terrain.file"
+            "dsm.tif (the data extends from 46.9515, 8.3166 to 46.9569, 8.3245) lies below the ground in terrain.file"
             in caplog.text
         )
         return
     with pytest.raises(
-        TerrainError, match=r"lies under the ground of terrain\.file at 12 % of nodes, by up to 22\.1 m"
+        TerrainError, match=r"lies below the ground in terrain\.file at 12 % of the nodes, by up to 22\.1 m"
     ):
         site_of(tmp_path)
 
@@ -205,7 +205,7 @@ def test_a_surface_that_ends_in_the_area_is_refused(tmp_path):
         heights[:, 215:] = np.nan
         surface.write(heights, 1)
     site = site_of(tmp_path)
-    with pytest.raises(TerrainError, match=r"area: there is no elevation in \d+\.\d % of its cells.*dsm\.tif"):
+    with pytest.raises(TerrainError, match=r"area: there is no elevation data in \d+\.\d % of its cells.*dsm\.tif"):
         judging_map(site)
 
 

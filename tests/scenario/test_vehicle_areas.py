@@ -83,14 +83,14 @@ def test_the_margin_belongs_to_what_it_lies_beside():
 
 def test_parts_that_do_not_fit_are_refused_by_name_and_amount():
     assert refusal((0.0, 0.0, 120.0, 200.0), (100.0, 0.0, 300.0, 200.0)) == (
-        "vehicle.0.area and vehicle.1.area: overlap by 3600 square metres; "
-        "move a border so that each part of the ground belongs to one vehicle"
+        "vehicle.0.area and vehicle.1.area: these areas overlap by 3600 square metres; "
+        "move a border so that each part of [area] belongs to one vehicle"
     )
-    assert "vehicle.1.area: this area lies outside [area], 100 m from it" in refusal(None, (400.0, 0.0, 500.0, 200.0))
-    assert "vehicle.1.area: 20000 of its 40000 square metres lie outside [area]" in refusal(
+    assert "vehicle.1.area: this area lies outside [area], 100 m away" in refusal(None, (400.0, 0.0, 500.0, 200.0))
+    assert "vehicle.1.area: 20000 of the 40000 square metres lie outside [area]" in refusal(
         None, (200.0, 0.0, 400.0, 200.0)
     )
-    assert "vehicle.2: the other vehicles cover the whole [area]" in refusal(
+    assert "vehicle.2: the others cover the whole [area]" in refusal(
         (0.0, 0.0, 150.0, 200.0), (150.0, 0.0, 300.0, 200.0), None
     )
     assert "vehicle.0.area to vehicle.1.area: 19600 square metres of [area] belong to no vehicle" in refusal(

@@ -137,7 +137,7 @@ def test_small_areas_and_those_with_too_many_cells_are_looked_at_in_one_piece(mo
     monkeypatch.setattr("uavcover.sensing.cells.MAX_CELLS", 200)
     site = in_blocks(hard_site())
     with pytest.raises(
-        ScenarioError, match="7 m divides 300 x 200 m into 1,247 cells; the limit is 200; use larger cells"
+        ScenarioError, match="7 m divides 300 x 200 m into 1,247 cells, but the limit is 200; use larger cells"
     ):
         judging_map(site)
 
@@ -147,5 +147,5 @@ def test_an_area_without_cells_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     # The centre of the only cell lies outside.
     site = make_site(hills, ring=((0.0, 0.0), (1.0, 0.0), (60.0, 59.0), (60.0, 60.0), (59.0, 60.0)), cell_m=150.0)
     site = in_blocks(site)
-    with pytest.raises(ScenarioError, match="no centre of a cell of 150 m lies in the area"):
+    with pytest.raises(ScenarioError, match="no 150 m cell is centred in the area; use smaller cells"):
         judging_map(site).seen(np.array([[0.0, 0.0, 60.0]]))

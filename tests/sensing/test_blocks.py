@@ -98,6 +98,6 @@ def test_what_can_be_seen_does_not_depend_on_how_many_cells_are_looked_at_togeth
 def test_too_many_cells_for_one_map_fit_into_blocks(monkeypatch) -> None:
     site = make_site(cell_m=10.0)
     monkeypatch.setattr("uavcover.sensing.cells.MAX_CELLS", 100)
-    with pytest.raises(ScenarioError, match="600 cells; the limit is 100"):
+    with pytest.raises(ScenarioError, match="600 cells, but the limit is 100"):
         make_cells(site, 10.0)
     assert sum(make_cells(site, 10.0, rows=each).count for each in row_blocks(site, cells=100)) == 600

@@ -157,15 +157,17 @@ def test_areas_that_cannot_be_cut_or_have_no_ground():
     site = grid_site(np.zeros((17, 17)))
     with pytest.raises(ScenarioError, match=r"^area\.cell_size_m: 0\.001 m divides 40 x 40 m into 1,600,000,000 cells"):
         make_cells(site, 0.001)
-    with pytest.raises(ScenarioError, match=r"^area.cell_size_m: no centre of a cell of 90 m lies in the area"):
+    with pytest.raises(
+        ScenarioError, match=r"^area.cell_size_m: no 90 m cell is centred in the area; use smaller cells"
+    ):
         make_cells(site, 90.0)
     nodes = np.zeros((17, 17))
     nodes[8, 8] = np.nan
     with pytest.raises(
-        TerrainError, match=r"^area: there is no elevation in 6.2 % of its cells, first at 1\d m east, 1\d m north"
+        TerrainError, match=r"^area: there is no elevation data in 6.2 % of its cells, first at 1\d m east, 1\d m north"
     ):
         make_cells(grid_site(nodes), 2.0)
-    with pytest.raises(TerrainError, match="reaches outside the data"):
+    with pytest.raises(TerrainError, match="extends beyond the data"):
         make_cells(grid_site(np.zeros((5, 5))), 2.0)
 
 

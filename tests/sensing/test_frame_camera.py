@@ -157,17 +157,17 @@ def test_how_a_camera_is_turned():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"pitch_deg": -120.0}, "pitch_deg: -120.0 is outside -90 (straight down)..0 (to the horizon)"),
-        ({"fov_along_deg": 180.0}, "fov_along_deg: 180.0 is outside 0..180 degrees"),
+        ({"pitch_deg": -120.0}, "pitch_deg: must be between -90 (straight down) and 0 (horizontal), not -120.0"),
+        ({"fov_along_deg": 180.0}, "fov_along_deg: must be between 0 and 180 degrees, not 180.0"),
         ({"heading_deg": 20.0}, 'heading_deg: this key requires mount = "stabilised"'),
-        ({"heading_deg": 360.0, "mount": "stabilised"}, "heading_deg: 360.0 is outside 0 to below 360"),
+        ({"heading_deg": 360.0, "mount": "stabilised"}, "heading_deg: must be at least 0 and below 360"),
         ({"sensing": "at-waypoints"}, 'heading_deg: this key is required with sensing = "at-waypoints"'),
-        ({"forward_overlap": 1.0}, "forward_overlap: 1.0 must be at least 0 and below 1"),
-        ({"side_overlap": -0.1}, "side_overlap: -0.1 must be at least 0 and below 1"),
+        ({"forward_overlap": 1.0}, "forward_overlap: must be at least 0 and below 1"),
+        ({"side_overlap": -0.1}, "side_overlap: must be at least 0 and below 1"),
         ({"forward_overlap": 0.5, "trigger_distance_m": 9.0}, "trigger_distance_m: use either this key or forward_overlap"),
-        ({"trigger_distance_m": 0.0}, "trigger_distance_m: 0.0 must be above 0"),
+        ({"trigger_distance_m": 0.0}, "trigger_distance_m: must be greater than 0"),
         ({"max_ground_sample_m": 0.1}, "max_ground_sample_m: this key requires pixels_across"),
-        ({"max_ground_sample_m": 0.0, "pixels_across": 9}, "max_ground_sample_m: 0.0 must be above 0"),
+        ({"max_ground_sample_m": 0.0, "pixels_across": 9}, "max_ground_sample_m: must be greater than 0"),
         (
             {"trigger_distance_m": 9.0, "sensing": "at-waypoints", "mount": "stabilised", "heading_deg": 0.0},
             'trigger_distance_m: distance triggering requires sensing = "along-path"',
@@ -189,6 +189,7 @@ def test_values_that_make_no_sense(changes, message, tmp_path):
 def test_an_overlap_of_a_picture_that_shows_no_ground_is_refused():
     blind = dataclasses.replace(FRAME, forward_overlap=0.5, pixels_across=1000, max_ground_sample_m=0.01)
     with pytest.raises(
-        ScenarioError, match=r"^sensor.forward_overlap: from limits.min_height_agl_m = 40 m no flat ground"
+        ScenarioError,
+        match=r"^sensor.forward_overlap: at limits.min_height_agl_m = 40 m, a photo shows no level ground",
     ):
         CoverageMap(make_site(sensor=blind), cell_size_m=10.0).observations(np.zeros((2, 3)))

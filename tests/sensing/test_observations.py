@@ -106,11 +106,11 @@ def test_waypoints_that_may_have_been_anywhere_may_all_be_looks_of_their_own():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"looks": 0}, "requirements.looks: 0 is outside 1..20"),
+        ({"looks": 0}, "requirements.looks: must be between 1 and 20, not 0"),
         ({"looks": 2}, "requirements.look_distance_m: this key is required with more than one look"),
         (
             {"look_distance_m": 5.0},
-            "requirements.look_distance_m: the value must be above 0, and the key requires more than one look",
+            "requirements.look_distance_m: must be greater than 0, and requires more than one look",
         ),
     ],
 )

@@ -77,7 +77,8 @@ def test_a_swath_counts_in_full(sensor):
 def test_a_stated_spacing_that_leaves_gaps_is_refused():
     site = site_of(SENSORS["disc of 1.5 m"] + "\nsample_spacing_m = 10.0")
     with pytest.raises(
-        ScenarioError, match=r"leaves gaps because the sensor observes 1\.5 m to each side; omit it, or use"
+        ScenarioError,
+        match=r"leaves gaps, because the sensor observes only 1\.5 m to each side; remove this key, or use",
     ):
         sample_spacing_m(site.scenario)
     with pytest.raises(ScenarioError, match="sample_spacing_m: 10 m"):

@@ -193,7 +193,7 @@ def test_a_raster_that_cannot_be_followed_is_refused(tmp_path):
         file.write(rows.astype(np.float32), 1)
     frame = LocalFrame(89.7, 0.0, 100.0)
     with pytest.raises(
-        TerrainError, match=r"wrong by up to 412\.30 m; the limit is 0\.1 m; use a smaller area, or convert"
+        TerrainError, match=r"wrong by up to 412\.30 m, but the limit is 0\.1 m; use a smaller area, or convert"
     ):
         read_ground(tmp_path / "dem.tif", "EGM96", frame=frame, bounds_m=(-9e3, -9e3, 9e3, 9e3), grid_step_m=None)
 

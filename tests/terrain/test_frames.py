@@ -116,10 +116,10 @@ def test_arguments_stay_as_they_are():
 @pytest.mark.parametrize(
     ("lat", "lon", "alt", "words"),
     [
-        (-184.2, 36.5, 0.0, "latitude -184.2 is outside -90..90 (are latitude and longitude swapped?)"),
-        (36.5, 181.0, 0.0, "longitude 181.0"),
+        (-184.2, 36.5, 0.0, "origin: latitude -184.2 is outside -90 to 90 (swapped with longitude?)"),
+        (36.5, 181.0, 0.0, "longitude must be between -180 and 180, not 181.0"),
         (math.nan, 0.0, 0.0, "latitude nan"),
-        (0.0, math.inf, 0.0, "longitude inf"),
+        (0.0, math.inf, 0.0, "longitude must"),
         (0.0, 0.0, math.nan, "not a finite number"),
     ],
 )

@@ -91,14 +91,17 @@ def test_a_packed_tile_of_open_sea_is_no_bomb(tmp_path):
 def test_zip_files_that_are_none_or_hold_something_else(tmp_path, monkeypatch):
     monkeypatch.setattr(terrain_source, "FILES", replace(FILES, harmless_zip_bytes=1_000_000))
     for entries, words in (
-        ([("a.txt", b"x")], "the archive contains 0 elevation files"),
-        ([("a.hgt", b"x"), ("b.hgt", b"x")], "the archive contains 2 elevation files"),
+        ([("a.txt", b"x")], "the archive must contain one elevation file, but 0 of its 1 entries are elevation files"),
+        (
+            [("a.hgt", b"x"), ("b.hgt", b"x")],
+            "the archive must contain one elevation file, but 2 of its 2 entries are elevation files",
+        ),
         ([("a.hgt", bytes(10_000_000))], "times its packed size; unpack it yourself if you trust it"),
     ):
         with pytest.raises(TerrainError, match=words):
             gdal_name(in_zip(tmp_path / "a.zip", *entries))
     (tmp_path / "bad.zip").write_bytes(b"no zip")
-    with pytest.raises(TerrainError, match="the file cannot be opened as a zip file"):
+    with pytest.raises(TerrainError, match="cannot open the file as a zip archive"):
         gdal_name(tmp_path / "bad.zip")
 
 
@@ -132,7 +135,7 @@ def test_gzip_files_that_are_none_damaged_or_too_long(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["dem.tar.gz", "dem.7z", "dem.hgt.bz2", "dem.tgz", "dem.gz"])
 def test_other_archives_say_unpack(tmp_path, name):
     (tmp_path / name).write_bytes(b"packed")
-    with pytest.raises(TerrainError, match=r"is packed .*; unpack it and specify the raster"):
+    with pytest.raises(TerrainError, match=r"is compressed .*; unpack it and specify the raster"):
         read_height_amsl_m(tmp_path / name, "EGM96", lat_deg=46.5, lon_deg=8.5)
 
 

@@ -135,7 +135,7 @@ def test_a_square_grid_has_the_heights_of_the_source(tmp_path, layout):
         assert alt == pytest.approx(read_height_amsl_m(path, "EGM96", lat_deg=lat, lon_deg=lon), abs=1e-6)
     assert ground.vertical_datum == "EGM96"
     assert len(ground.sha256) == 64
-    assert "dem.tif (data from 47." in ground.source
+    assert "dem.tif (the data extends from 47.1" in ground.source
     assert not surface.up_m.flags.writeable
 
 
@@ -174,7 +174,7 @@ def test_no_data_is_a_gap_never_a_height(tmp_path, dtype, nodata):
     assert np.nanmax(up) < 900.0 - 600.0 + 1.0
     with rasterio.open(path) as dataset:
         lon, lat = dataset.xy(14, 20)
-    with pytest.raises(TerrainError, match=rf"no elevation at {lat}.*data from"):
+    with pytest.raises(TerrainError, match=rf"no elevation data at {lat}.*data extends from"):
         read_height_amsl_m(path, "EGM96", lat_deg=lat, lon_deg=lon)
 
 
@@ -221,10 +221,10 @@ WRONG = {
     ),
     "ellipsoid": ({"crs": "EPSG:4979"}, ["terrain.vertical_datum: the scenario says EGM96", "ellipsoid", "convert"]),
     "fathoms": ({"unit": "fathom"}, ["heights are in 'fathom'; convert them to metres"]),
-    "undeclared no-data": ({"values": -32768}, ["height of -32768 m in row 15, column 20", "no-data value"]),
-    "no mountain": ({"values": 12000}, ["height of 12000 m in row 15, column 20"]),
+    "undeclared no-data": ({"values": -32768}, ["row 15, column 20 is -32768 m", "no-data value"]),
+    "no mountain": ({"values": 12000}, ["row 15, column 20 is 12000 m"]),
     "local system": (
-        {"crs": CRS.from_wkt('LOCAL_CS["site grid",UNIT["metre",1]]')}, ["cannot be converted", "assign a known one or convert"],
+        {"crs": CRS.from_wkt('LOCAL_CS["site grid",UNIT["metre",1]]')}, ["cannot be converted", "assign a known system"],
     ),
 }  # fmt: skip
 
@@ -330,7 +330,7 @@ def test_a_wrong_height_in_a_later_strip_is_told_with_its_row(tmp_path, monkeypa
     values = bumps()
     values[21, 20] = 12_000.0
     monkeypatch.setattr(elevation_file, "FILES", replace(FILES, most_pixels=100))
-    with pytest.raises(TerrainError, match="a height of 12000 m in row 21, column 20"):
+    with pytest.raises(TerrainError, match="the height in row 21, column 20 is 12000 m"):
         read_ground(
             write(tmp_path / "dem.tif", values), "EGM96", frame=FRAME, bounds_m=(-9e3, -9e3, 9e3, 9e3), grid_step_m=None
         )
@@ -369,7 +369,7 @@ def test_without_the_grid_the_error_names_it(tmp_path):
 @pytest.mark.usefixtures("geoid_grid")
 def test_a_grid_that_does_not_reach_the_data(tmp_path):
     path = write(tmp_path / "dem.tif", bumps(), transform=from_origin(LON + 4.98, LAT + 0.015, 0.001, 0.001))
-    with pytest.raises(TerrainError, match="the geoid grid does not reach the elevation data"):
+    with pytest.raises(TerrainError, match="no geoid grid covers the elevation data"):
         read_heights_amsl_m(path, "WGS84-ellipsoid", np.array([LAT]), np.array([LON + 5.0]))
 
 

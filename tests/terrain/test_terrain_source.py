@@ -233,7 +233,7 @@ def test_tiles_that_do_not_belong_together(whole, tmp_path, spoil, words):
 def test_bad_folders_and_patterns(tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     for name in ("empty", "none/*.tif"):
-        with pytest.raises(TerrainError, match=r"contains no tile \(\.tif, .*\); use files, a folder or a pattern"):
+        with pytest.raises(TerrainError, match=r"contains no tiles \(\.tif, .*\); use files, a folder or a pattern"):
             find_tiles([name], folder=tmp_path, around=None)
     monkeypatch.setattr(terrain_source, "FILES", replace(FILES, max_tiles=1))
     for name in ("a.tif", "b.tif"):
@@ -258,7 +258,7 @@ def test_a_coordinate_system_that_the_file_does_not_name(whole, tmp_path, tiles)
         TerrainError, match=r"does not state its coordinate system; specify it with terrain\.crs \(--dem-crs\)"
     ):
         ground_of(TerrainSource(files))
-    with pytest.raises(TerrainError, match=r"terrain\.crs: 'EPSG:1' is not a coordinate system; .*--dem-crs"):
+    with pytest.raises(TerrainError, match=r"terrain\.crs: unknown coordinate system 'EPSG:1'; .*--dem-crs"):
         ground_of(TerrainSource(files, crs="EPSG:1"))
     with pytest.raises(
         TerrainError, match=r"the file already states its coordinate system \(EPSG:32632\); remove terrain\.crs"

@@ -129,7 +129,7 @@ def longest_flight_in_words(vehicle: Vehicle) -> str:
     load = f" ({vehicle.hover_s:.0f} s with the payload)" if vehicle.hover_s and vehicle.power.payload_kg else ""
     return (
         f"vehicle.endurance_s is {vehicle.endurance_s or math.inf:g} s{load}, and vehicle.reserve_fraction = "
-        f"{vehicle.reserve_fraction:g} leaves {vehicle.longest_flight_s or math.inf:.0f} s"
+        f"{vehicle.reserve_fraction:g} allows flights of at most {vehicle.longest_flight_s or math.inf:.0f} s"
     )
 
 
@@ -139,7 +139,7 @@ def battery_in_words(site: Site, used_s: float) -> str:
     hover_s, strongest_m_s = vehicle.hover_s or math.inf, max(wind.speed_m_s, wind.most_m_s or 0.0)
     blows = f" in {strongest_m_s:g} m/s of wind" if strongest_m_s else ""
     return (
-        f"{used_s / hover_s:.0%} of a battery{blows}; vehicle.reserve_fraction = {vehicle.reserve_fraction:g} and "
-        f"vehicle.power.uncertainty_fraction = {vehicle.power.uncertainty_fraction:g} leave "
-        f"{usable_s(vehicle) / hover_s:.0%}"
+        f"{used_s / hover_s:.0%} of a battery{blows}; only {usable_s(vehicle) / hover_s:.0%} is usable "
+        f"(vehicle.reserve_fraction = {vehicle.reserve_fraction:g}, vehicle.power.uncertainty_fraction = "
+        f"{vehicle.power.uncertainty_fraction:g})"
     )

@@ -114,15 +114,11 @@ def _check(autopilot: str, table: Mapping[str, Any]) -> None:
     """Refuse a table that says less, or more, than is understood."""
     for name, row in table["settings"].items():
         if set(row) != _SETTING_KEYS or not row["names"] or not all(scale > 0.0 for scale in row["names"].values()):
-            raise UavcoverError(
-                f"{_TABLE}: {autopilot}.settings.{name}: this needs names with factors above 0, and a default"
-            )
+            raise UavcoverError(f"{_TABLE}: {autopilot}.settings.{name}: set names, factors above 0 and a default")
     for rule in table["failsafes"]:
         where = f"{_TABLE}: {autopilot} failsafe {rule.get('parameter', '?')}"
         if not (_RULE_KEYS <= set(rule) <= _RULE_KEYS | _RULE_OPTIONS):
             raise UavcoverError(f"{where}: the keys are {', '.join(sorted(_RULE_KEYS | _RULE_OPTIONS))}")
         unknown = {rule["other"], *rule["actions"].values()} - set(get_args(Action))
         if unknown:
-            raise UavcoverError(
-                f"{where}: {sorted(unknown)[0]!r} is not an action; use one of {', '.join(get_args(Action))}"
-            )
+            raise UavcoverError(f"{where}: {sorted(unknown)[0]!r} is not an action; use {', '.join(get_args(Action))}")

@@ -100,7 +100,7 @@ class _Model:
             case "land":
                 return [self._column("land")]
             case "terminate":
-                return [self._column("land", note="the motors stop: the vehicle falls")]
+                return [self._column("land", note="the motors stop and the vehicle falls")]
             case "hold" | "hold-land":
                 return [self._column("stop")]
             case "retrace":
@@ -256,7 +256,7 @@ class _Model:
         first[joins == len(tail) - 1, 2] = origin[joins == len(tail) - 1, 2]  # level to above the landing
         tail[-1:, 2] = self._landing_alt(tail[-1:])
         points = np.stack([self._at, origin, first], axis=1)
-        return self._made(points, ("stop", "mission"), np.full(self._n, HOME), "on along the mission", tail, joins)
+        return self._made(points, ("stop", "mission"), np.full(self._n, HOME), "onward along the mission", tail, joins)
 
     def _nearest(self, items: FloatArray) -> IntArray:
         """(n,) number of the item that is nearest in space to where it holds."""

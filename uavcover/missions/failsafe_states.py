@@ -204,7 +204,7 @@ class UnsafeReturn:
             case "terrain" if self.value < 0.0:
                 return f"{path} goes {-self.value:.1f} m below the ground"
             case "terrain":
-                return f"{path} is {self.value:.1f} m above ground; at least {self.limit:.1f} m are required"
+                return f"{path} is {self.value:.1f} m above ground; at least {self.limit:.1f} m is required"
             case "descent" if self.value < 0.0:
                 return f"{path} descends {-self.value:.1f} m below the ground at flying speed"
             case "descent":
@@ -212,13 +212,13 @@ class UnsafeReturn:
             case "unknown ground":
                 return f"{path} leads over unknown ground"
             case "obstacle":
-                return f"{path} lacks {self.value:.1f} m of clearance from obstacle {self.name!r}"
+                return f"{path} comes {self.value:.1f} m too close to obstacle {self.name!r}"
             case "fence":
-                return f"{path} comes {self.value:.1f} m outside the fence"
+                return f"{path} leads {self.value:.1f} m outside the fence"
             case "zone":
-                return f"{path} comes {self.value:.1f} m into no-fly zone {self.name!r}"
+                return f"{path} leads {self.value:.1f} m into no-fly zone {self.name!r}"
             case "battery":
-                return f"{path} ends after {self.value:.0f} s, but the battery lasts {self.limit:.0f} s"
+                return f"{path} ends after {self.value:.0f} s, but the battery lasts only {self.limit:.0f} s"
 
 
 def joined_returns(unsafe: Iterable[UnsafeReturn]) -> list[UnsafeReturn]:

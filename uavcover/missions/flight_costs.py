@@ -164,7 +164,7 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
     """
     home, vehicle = site.home_m, site.scenario.vehicle
     if home is None or len(route) == 0:
-        raise InfeasibleError(f"scenario {site.scenario.name} has no [home], or the route has no waypoint")
+        raise InfeasibleError(f"scenario {site.scenario.name} has no [home], or the route has no waypoints")
     points, pace = route.waypoints_m, pace_of(site)
     stops = trigger_distance_m(site.scenario) is not None
     way, way_back = (

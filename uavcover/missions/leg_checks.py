@@ -67,7 +67,7 @@ class LegProblem:
         if self.kind == "obstacle":
             return f"{what}: {self.value:.1f} m too close to obstacle {self.name!r} {where}"
         if self.kind == "no-fly zone":
-            return f"{what}: {self.value:.1f} m inside no-fly zone {self.name!r}, margins included, {where}"
+            return f"{what}: {self.value:.1f} m inside no-fly zone {self.name!r} or its margin {where}"
         amounts = f"{self.value:.1f} {self.unit} against {self.limit:.1f} {self.unit}"
         return f"{what}: {self.kind}, {amounts} {where}"
 

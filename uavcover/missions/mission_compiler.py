@@ -211,7 +211,7 @@ def compile_continuation(
     if not height_agl_m >= min(limits.transit_clearance_m, limits.min_height_agl_m):
         raise InfeasibleError(
             f"the vehicle is {height_agl_m:.1f} m above ground at {lat_deg:.6f}, {lon_deg:.6f}, outside the flight "
-            "limits; a mission that begins in the air requires a vehicle inside them"
+            "limits; to begin a mission in the air, the vehicle must be within them"
         )
     there = transit(site, here[:2], route.waypoints_m[0], ground_end_height_m=height_agl_m)
     opening = [
@@ -278,7 +278,7 @@ def _compiled(
     before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         raise MissionTooLongError(
-            f"the flight takes {time_s:.0f} s with its transits{before}, but {longest_flight_in_words(vehicle)}; "
+            f"the flight takes {time_s:.0f} s including transits{before}, but {longest_flight_in_words(vehicle)}; "
             "require less coverage (--select), or plan a smaller area"
         )
     used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
@@ -368,7 +368,7 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
         # a problem without an item concerns the whole list: too many items, of which a mission can be split.
         is_mission = mission_type_of(content) is MissionType.MISSION
         refused = MissionTooLongError if problems[0].item is None and is_mission else InfeasibleError
-        raise refused(f"{autopilot.name} would not accept this {mission_type_of(content).name.lower()}: {problems[0]}")
+        raise refused(f"{autopilot.name} would reject this {mission_type_of(content).name.lower()}: {problems[0]}")
     if item_limit is not None and mission_type_of(content) is MissionType.MISSION and len(items) > item_limit:
         raise MissionTooLongError(f"the mission has {len(items)} items, but vehicle.max_mission_items is {item_limit}")
 

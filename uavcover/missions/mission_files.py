@@ -67,6 +67,6 @@ def export_text(compiled: CompiledMission, file_format: str, *, autopilot: Autop
         InputError: another format.
     """
     if file_format not in FORMATS:
-        raise InputError(f"format {file_format!r} is not one of {', '.join(FORMATS)}")
+        raise InputError(f"unknown format {file_format!r}; use {', '.join(FORMATS)}")
     lists = PlanFile(compiled.mission, compiled.fence, compiled.rally, AUTOPILOTS[autopilot].mav_autopilot)
     return mission_text(file_format, lists, name=name)

@@ -58,8 +58,8 @@ class ReturnAdvice:
                 "plan --rally auto propose rally points"
             )
         if not math.isfinite(self.safe_return_height_m):
-            return "some ground below the return is unknown, so no return height is safe; provide elevation data for it"
-        return "no return height makes these safe: try plan --rally auto, or return with the mission (Ctrl-C plans a detour)"
+            return "no return height is safe, because some ground below it is unknown; use a larger elevation file"
+        return "no height makes these returns safe; try plan --rally auto, or use Ctrl-C, which plans a detour"
 
 
 def _sentence(one: UnsafeReturn) -> str:

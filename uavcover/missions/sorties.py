@@ -63,7 +63,7 @@ def compile_sorties(
         InputError: the scenario has no position on Earth or no home.
         InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
-    refusal = InfeasibleError("no split meets the limits")
+    refusal = InfeasibleError("no split into sorties meets the limits")
     flyer = _Flyer(site, autopilot, most_points)
     if vehicles == 1 or len(route) < 2:
         try:
@@ -106,7 +106,7 @@ def compile_unlike_sorties(
     flyers = [_Flyer(site, site.scenario.vehicle.autopilot, None) for site in sites]
     if len(route) < 2:
         return _one_of(flyers, route)
-    return _cut_and_compiled(flyers, route, cut, InfeasibleError("no split meets the limits"))
+    return _cut_and_compiled(flyers, route, cut, InfeasibleError("no split into sorties meets the limits"))
 
 
 def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | None) -> None:
@@ -127,8 +127,8 @@ def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | 
     weight_m2 = coverage.grid.weight_m2[coverable]
     if not weight_m2.size:
         raise InfeasibleError(
-            "area: no part of it can be observed from inside the fence and the height band; check sensor.range_m, "
-            "the heights in [limits], and the no-fly zones"
+            "area: no part of the area can be observed from within the fence and the height band; check "
+            "sensor.range_m, the heights in [limits], and the no-fly zones"
         )
     if any(each.home_m is None or each.scenario.vehicle.longest_flight_s is None for each in sites):
         return
@@ -147,7 +147,7 @@ def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | 
     if share > 0.0 and share >= (required or 0.0):
         return
     raise InfeasibleError(
-        f"flights from [home] reach {share:.0%} of the visible ground, of which {required or 1.0:.0%} is required: a "
+        f"flights from [home] reach only {share:.0%} of the visible ground, but {required or 1.0:.0%} is required: a "
         f"flight to the farthest cells takes at least {least_s.max():.0f} s, but "
         f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, plan a smaller area, or require less "
         "coverage (--select)"
@@ -169,7 +169,7 @@ class _Flyer:
         compiled = compile_mission(self.site, route, autopilot=self.autopilot)
         if self.most_points is not None and len(compiled.path_m) > self.most_points:
             raise MissionTooLongError(
-                f"the flight has {len(compiled.path_m)} points with its transits; the limit is {self.most_points}"
+                f"the flight has {len(compiled.path_m)} points including transits; the limit is {self.most_points}"
             )
         return compiled
 
@@ -189,7 +189,7 @@ def sharing_home(sites: Sequence[Site], near_m: float) -> list[int]:
 def _one_of(flyers: Sequence[_Flyer], route: Route) -> tuple[Sortie, ...]:
     """A route of one waypoint, by the vehicle that is done soonest."""
     found: list[Sortie] = []
-    refusal = InfeasibleError("there is no vehicle")
+    refusal = InfeasibleError("the scenario has no vehicle")
     for number, flyer in enumerate(flyers, start=1):
         try:
             found.append(Sortie(0, len(route) - 1, route, flyer.compiled(route), vehicle=number))
@@ -244,7 +244,7 @@ def _cut_and_compiled(
                 )
                 for first, last, number in flights
             )
-    raise InfeasibleError(f"the route could not be split into flights: {refusal}") from refusal
+    raise InfeasibleError(f"cannot split the route into sorties: {refusal}") from refusal
 
 
 def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -> Sequence[tuple[int, int]] | None:
@@ -282,18 +282,21 @@ def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
     worst = int(np.argmax(np.where(np.isfinite(least), least, -math.inf)))
     if least[worst] > costs.endurance_s:
         return (
-            f"{part(worst)}: flown alone it takes {least[worst]:.0f} s with its transits, but "
+            f"{part(worst)}: a sortie with this part alone takes {least[worst]:.0f} s including transits, but "
             f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
         )
     used = np.array([battery_s(costs.energies, int(first), int(first) + step) for first in firsts])
     worst = int(np.argmax(used))
     if used[worst] > costs.energies.usable_s:
         return (
-            f"{part(worst)}: flown alone it uses {battery_in_words(site, float(used[worst]))}; move [home] nearer, plan a "
-            "smaller area, or fly in less wind"
+            f"{part(worst)}: a sortie with this part alone uses {battery_in_words(site, float(used[worst]))}; move "
+            "[home] nearer, plan a smaller area, or fly in less wind"
         )
     items = costs.there_items[firsts] + costs.each_items * (step + 1) + costs.back_items[firsts + step]
     most = int(np.argmax(items))
     if items[most] > costs.item_limit:
-        return f"{part(most)}: a flight there and home has {items[most]} points or items; the limit is {costs.item_limit:g}"
-    return f"the route cannot be split into flights: {refusal}"
+        return (
+            f"{part(most)}: a sortie with this part alone has {items[most]} points or items; the limit is "
+            f"{costs.item_limit:g}"
+        )
+    return f"cannot split the route into sorties: {refusal}"

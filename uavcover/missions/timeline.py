@@ -78,7 +78,7 @@ def _first_row(sortie: Sortie) -> int:
     for row in range(len(path) - len(route) + 1):
         if np.array_equal(path[row : row + len(route)], route):
             return row
-    raise InfeasibleError("the mission does not contain its route")
+    raise InfeasibleError("the mission does not contain the planned route")
 
 
 def _climb(pace: Pace, home_m: FloatArray, height_m: float) -> tuple[FloatArray, FloatArray]:

@@ -34,14 +34,9 @@ def frame_and_home(site: Site) -> tuple[LocalFrame, FloatArray]:
         InputError: the scenario has no position on Earth or no home.
     """
     if site.frame is None:
-        raise InputError(
-            f"scenario {site.scenario.name} has no position on Earth, so there is no mission to fly; add an [origin] "
-            "and a [home]"
-        )
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth; add an [origin] and a [home]")
     if site.home_m is None:
-        raise InputError(
-            f"scenario {site.scenario.name} has no [home]; a mission needs a take-off and landing position"
-        )
+        raise InputError(f"scenario {site.scenario.name} has no [home], where a mission takes off and lands")
     return site.frame, site.home_m
 
 
@@ -224,7 +219,7 @@ def check_transit(
     problems = find_problems(site, points_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m, zones=zones)
     problems = [problem for problem in problems if problem.kind not in ignored]
     if any(problem.kind == "too high" for problem in problems) and limits.max_transit_height_agl_m is None:
-        what += " (limits.max_transit_height_agl_m allows more)"
+        what += " (to allow this height, raise limits.max_transit_height_agl_m)"
     refuse(what, problems)
 
 
@@ -237,8 +232,8 @@ def check_column(site: Site, home_m: FloatArray, top_m: FloatArray) -> None:
     for breach in site.planned_zones.leg_breaches(np.vstack([home_m, top_m])):
         zone = site.zones[breach.zone]
         raise InfeasibleError(
-            f"the climb-out above home: it climbs {top_m[2] - home_m[2]:.0f} m into no-fly zone {zone.name!r} "
-            f"({zone.heights_in_words()}), margins included; move [home], or lower vehicle.takeoff_height_m"
+            f"the climb-out above home climbs {top_m[2] - home_m[2]:.0f} m, into no-fly zone {zone.name!r} "
+            f"({zone.heights_in_words()}) or its margin; move [home], or lower vehicle.takeoff_height_m"
         )
 
 

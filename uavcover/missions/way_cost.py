@@ -62,7 +62,7 @@ def mission_cost_of(site: Site) -> WayCost:
     """Time and energy of the whole mission of a site with a home, by straight transits."""
     vehicle, home = site.scenario.vehicle, site.home_m
     if home is None:
-        raise InputError(f"scenario {site.scenario.name} has no [home], so a mission has no flight time")
+        raise InputError(f"scenario {site.scenario.name} has no [home], so the flight time of a mission is unknown")
     return WayCost(
         unit=TIME,
         pace=pace_of(site),

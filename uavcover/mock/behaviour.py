@@ -35,7 +35,7 @@ class Settings:
     def __post_init__(self) -> None:
         for name in self.__slots__:
             if name != "motion" and not getattr(self, name) > 0.0:
-                raise ValueError(f"{name}: {getattr(self, name)} must be above 0")
+                raise ValueError(f"{name}: must be greater than 0, not {getattr(self, name)}")
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, autopilot: AutopilotName | None = None) -> "Settings":
@@ -60,15 +60,15 @@ class Settings:
 class TransferClock(Enum):
     """The clock on which mission transfers time out."""
 
-    LINK = "seconds of the link, independent of the speed of the vehicle's time"
+    LINK = "seconds on the link's clock, independent of the speed of the vehicle's time"
     VEHICLE = "vehicle time, as simulated autopilots do"
 
 
 class GroundSource(Enum):
     """Source of the terrain heights."""
 
-    KNOWN = "the ground is on its memory card"
-    GROUND_STATION = "it requests the ground with TERRAIN_REQUEST"
+    KNOWN = "the terrain data is on the vehicle's memory card"
+    GROUND_STATION = "the vehicle requests the terrain data with TERRAIN_REQUEST"
 
 
 _EVERYTHING: Mapping[type[m.Message], float] = MappingProxyType(

@@ -49,7 +49,7 @@ class Airframe:
         for name in self.__slots__:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name}: {value} must be above 0")
+                raise ValueError(f"{name}: must be greater than 0, not {value}")
 
 
 class PointMass:
@@ -180,7 +180,7 @@ class WindModel:
 
     def __post_init__(self) -> None:
         if not (self.speed_m_s >= 0.0 and self.gust_m_s >= 0.0 and self.gust_time_s > 0.0):
-            raise ValueError("wind: speed_m_s and gust_m_s must not be negative, gust_time_s must be above 0")
+            raise ValueError("wind: speed_m_s and gust_m_s must not be negative, and gust_time_s must be above 0")
 
     @property
     def steady_m_s(self) -> Vector:
@@ -249,7 +249,7 @@ class BatteryData:
     def __post_init__(self) -> None:
         for name in ("endurance_s", "hover_w"):
             if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name}: {getattr(self, name)} must be above 0")
+                raise ValueError(f"{name}: must be greater than 0, not {getattr(self, name)}")
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle) -> Self:
@@ -289,7 +289,7 @@ class Battery:
 
     def __init__(self, data: BatteryData, *, remaining: float = 1.0) -> None:
         if not 0.0 < remaining <= 1.0:
-            raise ValueError(f"remaining: {remaining} is not above 0 and up to 1")
+            raise ValueError(f"remaining: must be above 0 and at most 1, not {remaining}")
         self.data = data
         self.remaining = remaining
         self.capacity_wh = data.hover_w * data.endurance_s / 3600.0

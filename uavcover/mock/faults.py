@@ -162,7 +162,7 @@ def parse_fault(text: str) -> Fault:
 def _parse_trigger(text: str, moment: str) -> FaultTrigger:
     written = _MOMENT.fullmatch(moment)
     if written is None:
-        raise InputError(f"fault {text!r}: {moment!r} is not a time or item; write 40s, boot+40s or item5")
+        raise InputError(f"fault {text!r}: {moment!r} is not a time or an item, such as 40s, boot+40s or item5")
     if written["item"] is not None:
         return FaultTrigger(Since.ITEM, float(written["item"]))
     return FaultTrigger(Since.BOOT if written["boot"] else Since.TAKE_OFF, float(written["seconds"]))
@@ -174,7 +174,7 @@ def _parse_mode(text: str, written: str | None, argument: Argument) -> Mode:
     for mode in argument.modes:
         if mode.value == written:
             return mode
-    raise InputError(f"fault {text!r}: {written!r} is not {argument.meaning}")
+    raise InputError(f"fault {text!r}: expected {argument.meaning}, not {written!r}")
 
 
 def _parse_number(text: str, written: str | None, argument: Argument) -> float:
@@ -185,7 +185,7 @@ def _parse_number(text: str, written: str | None, argument: Argument) -> float:
     except ValueError:
         number = math.nan
     if not 0.0 < number < math.inf:
-        raise InputError(f"fault {text!r}: {written!r} is not a number above 0 ({argument.meaning})")
+        raise InputError(f"fault {text!r}: expected a number above 0 ({argument.meaning}), not {written!r}")
     return number
 
 

@@ -230,7 +230,7 @@ class _BoundPort:
         except OSError as error:
             self._socket.close()
             raise VehicleError(
-                f"cannot listen on {'TCP' if tcp else 'UDP'} {host}:{port}: {error.strerror}; is the port taken?"
+                f"cannot listen on {'TCP' if tcp else 'UDP'} {host}:{port}: {error.strerror}; is the port in use?"
             ) from None
         self._socket.setblocking(False)
 

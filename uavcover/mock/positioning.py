@@ -33,7 +33,7 @@ class GpsError:
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name}: {getattr(self, name)} must not be negative")
         if not self.time_s > 0.0:
-            raise ValueError(f"time_s: {self.time_s} must be above 0")
+            raise ValueError(f"time_s: must be greater than 0, not {self.time_s}")
 
 
 class Positioning:

@@ -39,9 +39,9 @@ class MockServer(Closing):
         greet: Place | None = None,  # an address that receives messages before it has sent any, or none
     ) -> None:
         if not speed > 0.0:
-            raise InputError(f"speed: {speed} must be above 0")
+            raise InputError(f"speed: must be greater than 0, not {speed}")
         if not 0.0 <= loss < 1.0:
-            raise InputError(f"loss: {loss} must be at least 0 and below 1")
+            raise InputError(f"loss: must be at least 0 and below 1, not {loss}")
         self._port = kind(host, port)
         self._loss, self._rng = loss, rng if rng is not None else Random(0)
         self._now = time.monotonic()
@@ -64,7 +64,7 @@ class MockServer(Closing):
                 self._peer.hold_time(now - LINK.longest_tick_s)
                 if not self._said_slow:
                     self._said_slow = True
-                    _log.info("the machine is too busy for this speed; the vehicle's time runs slower")
+                    _log.info("this machine is too slow for the requested speed, so the vehicle's time runs slower")
             self._now = now
             for place in self._port.newcomers():
                 self._peer.greet(place)

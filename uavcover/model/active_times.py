@@ -30,13 +30,14 @@ def utc_time(text: str, key: str) -> datetime:
     except ValueError:
         moment = None
     require(
-        moment is not None and moment.tzinfo is not None, f"{key}: {text!r} is not a time such as 2026-06-01T06:00Z"
+        moment is not None and moment.tzinfo is not None,
+        f"{key}: {text!r} is not a valid time; write it as 2026-06-01T06:00Z",
     )
     assert moment is not None
     try:
         return moment.astimezone(UTC)
     except OverflowError:
-        raise ValueError(f"{key}: {text!r} is not a time such as 2026-06-01T06:00Z") from None
+        raise ValueError(f"{key}: {text!r} is not a valid time; write it as 2026-06-01T06:00Z") from None
 
 
 def is_flight_time(unix_s: float) -> bool:
@@ -69,7 +70,7 @@ def window_of(begin: str, end: str, key: str) -> Window:
     """
     first, last = utc_time(begin, key), utc_time(end, key)
     for moment, text in ((first, begin), (last, end)):
-        require(_FIRST_YEAR <= moment.year <= _LAST_YEAR, f"{key}: {text!r} is not a time of a flight")
+        require(_FIRST_YEAR <= moment.year <= _LAST_YEAR, f"{key}: {text!r} is not a valid flight time")
     require(first < last, f"{key}: the latest landing must be after the earliest take-off")
     return first, last
 
@@ -128,7 +129,7 @@ def active_period(text: str, key: str) -> ActivePeriod:
     days: frozenset[int] | None = None
     hours: tuple[tuple[time, timedelta], tzinfo] | None = None
     words = text.split()
-    wrong = f"{key}: {text[:60]!r} is not a period such as {_EXAMPLE}"
+    wrong = f"{key}: {text[:60]!r} is not a valid period; write, for example, {_EXAMPLE}"
     require(bool(words), wrong)
     for word in words:
         if "/" in word:

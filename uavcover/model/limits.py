@@ -36,8 +36,14 @@ class Home:
             (geographic and not any_local) or (local and not any_geographic),
             "specify lat_deg and lon_deg, or east_m and north_m",
         )
-        require(self.lat_deg is None or abs(self.lat_deg) <= 90.0, f"lat_deg: {self.lat_deg} is outside -90..90")
-        require(self.lon_deg is None or abs(self.lon_deg) <= 180.0, f"lon_deg: {self.lon_deg} is outside -180..180")
+        require(
+            self.lat_deg is None or abs(self.lat_deg) <= 90.0,
+            f"lat_deg: must be between -90 and 90, not {self.lat_deg}",
+        )
+        require(
+            self.lon_deg is None or abs(self.lon_deg) <= 180.0,
+            f"lon_deg: must be between -180 and 180, not {self.lon_deg}",
+        )
 
 
 FENCE_KEYS = ("fence_lon_lat_deg", "fence_east_north_m", "fence_polygons_lon_lat_deg", "fence_polygons_east_north_m")
@@ -93,7 +99,7 @@ class FlightLimits:
         require(
             self.max_height_agl_m - self.min_height_agl_m > 2.0 * self.height_margin_m,
             f"max_height_agl_m: the band {self.min_height_agl_m}..{self.max_height_agl_m} m is too narrow for "
-            f"height_margin_m = {self.height_margin_m} at both ends",
+            f"height_margin_m = {self.height_margin_m} at each end",
         )
         ceiling = self.max_transit_height_agl_m
         require(
@@ -102,23 +108,23 @@ class FlightLimits:
         )
         require(
             0.0 < self.max_climb_angle_deg < 90.0,
-            f"max_climb_angle_deg: {self.max_climb_angle_deg} is outside 0..90 degrees",
+            f"max_climb_angle_deg: must be between 0 and 90 degrees, not {self.max_climb_angle_deg}",
         )
         if self.min_alt_amsl_m is not None and self.max_alt_amsl_m is not None:
             require(
                 self.max_alt_amsl_m > self.min_alt_amsl_m,
-                f"max_alt_amsl_m: {self.max_alt_amsl_m} must be above min_alt_amsl_m = {self.min_alt_amsl_m}",
+                f"max_alt_amsl_m: must be greater than min_alt_amsl_m = {self.min_alt_amsl_m}, not {self.max_alt_amsl_m}",
             )
         given = [key for key in FENCE_KEYS if getattr(self, key) is not None]
         require(
             len(given) <= 1,
-            f"{given[0] if given else ''}: specify the fence once, not also as {given[-1] if given else ''}",
+            f"{given[0] if given else ''}: specify the fence only once, not also as {given[-1] if given else ''}",
         )
         require_lon_lat(self.fence_lon_lat_deg or (), "fence_lon_lat_deg")
         for number, ring in enumerate(self.fence_polygons_lon_lat_deg or ()):
             require_lon_lat(ring, f"fence_polygons_lon_lat_deg.{number}")
         for key in FENCE_KEYS[2:]:
-            require(getattr(self, key) != (), f"{key}: the list is empty; specify a list of rings, or omit it")
+            require(getattr(self, key) != (), f"{key}: the list is empty; specify a list of rings, or remove this key")
 
     @property
     def fence_key(self) -> str | None:

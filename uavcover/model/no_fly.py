@@ -80,7 +80,7 @@ class NoFly:
             "radius_m: this key requires center_lon_lat_deg or center_east_north_m",
         )
         require_not_negative(self, "margin_m")
-        require(self.margin_m <= 1000.0, f"margin_m: {self.margin_m} m must be at most 1000 m")
+        require(self.margin_m <= 1000.0, f"margin_m: must be at most 1000 m, not {self.margin_m} m")
         require_positive(self, "radius_m")
         require_lon_lat(self.polygon_lon_lat_deg or (), "polygon_lon_lat_deg")
         for number, rings in enumerate(self.polygons_lon_lat_deg or ()):
@@ -93,13 +93,13 @@ class NoFly:
             floor, ceiling = getattr(self, f"floor_{datum}"), getattr(self, f"ceiling_{datum}")
             require(
                 floor is None or ceiling is None or ceiling > floor,
-                f"ceiling_{datum}: {ceiling} must be above floor_{datum} = {floor}",
+                f"ceiling_{datum}: must be greater than floor_{datum} = {floor}, not {ceiling}",
             )
         begin, end = (
             None if text is None else utc_time(text, key)
             for key, text in (("from_utc", self.from_utc), ("until_utc", self.until_utc))
         )
-        require(begin is None or end is None or begin < end, "until_utc: must be after from_utc")
+        require(begin is None or end is None or begin < end, "until_utc: must be later than from_utc")
         for number, text in enumerate(self.active):
             active_period(text, f"active.{number}")
 

@@ -56,5 +56,6 @@ class Obstacles:
     def __post_init__(self) -> None:
         require_not_negative(self, "clearance_beside_m", "clearance_above_m")
         require(
-            self.clearance_beside_m <= 50.0, f"clearance_beside_m: {self.clearance_beside_m} m must be at most 50 m"
+            self.clearance_beside_m <= 50.0,
+            f"clearance_beside_m: must be at most 50 m, not {self.clearance_beside_m} m",
         )

@@ -58,9 +58,7 @@ class Route:
         object.__setattr__(self, "waypoints_m", points)
         ends = (0, *self.begins, len(points))
         if self.begins and any(first >= last for first, last in itertools.pairwise(ends)):
-            raise ValueError(
-                f"begins: {self.begins} are not increasing numbers of waypoints between 0 and {len(points)}"
-            )
+            raise ValueError(f"begins: must be increasing waypoint numbers from 0 to {len(points)}, not {self.begins}")
 
     def __len__(self) -> int:
         return int(self.waypoints_m.shape[0])

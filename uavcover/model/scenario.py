@@ -39,7 +39,7 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         require_not_negative(self, "position_m", "height_m", "terrain_m", "attitude_deg")
-        require(self.attitude_deg < 90.0, f"attitude_deg: {self.attitude_deg} must be below 90 degrees")
+        require(self.attitude_deg < 90.0, f"attitude_deg: must be below 90 degrees, not {self.attitude_deg}")
 
     @property
     def vertical_m(self) -> float:
@@ -70,8 +70,8 @@ class Origin:
     alt_amsl_m: float
 
     def __post_init__(self) -> None:
-        require(abs(self.lat_deg) <= 90.0, f"lat_deg: {self.lat_deg} is outside -90..90")
-        require(abs(self.lon_deg) <= 180.0, f"lon_deg: {self.lon_deg} is outside -180..180")
+        require(abs(self.lat_deg) <= 90.0, f"lat_deg: must be between -90 and 90, not {self.lat_deg}")
+        require(abs(self.lon_deg) <= 180.0, f"lon_deg: must be between -180 and 180, not {self.lon_deg}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,10 +138,10 @@ class PlannerSettings:
         if not isinstance(self.rally, str):
             require(self.rally != (), 'rally: the list is empty; specify positions, "home" or "auto"')
             require_lon_lat(self.rally, "rally")
-        require(self.population_size >= 20, f"population_size: {self.population_size} is below 20")
+        require(self.population_size >= 20, f"population_size: must be at least 20, not {self.population_size}")
         require(
             self.evaluations >= self.population_size,
-            f"evaluations: {self.evaluations} is less than one population of {self.population_size}",
+            f"evaluations: must be at least population_size = {self.population_size}, not {self.evaluations}",
         )
         require(
             self.line_heading_deg is None or self.algorithm == "lines",
@@ -149,18 +149,18 @@ class PlannerSettings:
         )
         require(
             self.line_heading_deg is None or 0.0 <= self.line_heading_deg < 360.0,
-            f"line_heading_deg: {self.line_heading_deg} is outside 0 to below 360, clockwise from north",
+            f"line_heading_deg: must be at least 0 and below 360 (clockwise from north), not {self.line_heading_deg}",
         )
         require(
             self.algorithm not in {"lines", "contour-lines"} or self.encoding == "swaths",
-            f'encoding: "waypoints" does not apply to lines; omit it with algorithm = "{self.algorithm}"',
+            f'encoding: "waypoints" does not apply to lines; remove this key with algorithm = "{self.algorithm}"',
         )
-        require(self.capacity >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
+        require(self.capacity >= 2, f"max_waypoints: must be at least 2, not {self.max_waypoints}")
         require_not_negative(self, "band_deviation_price", "waypoint_price")
-        require(self.seed >= 0, f"seed: {self.seed} must not be negative")
+        require(self.seed >= 0, f"seed: must not be negative, but is {self.seed}")
         require(
             self.parts == "auto" or self.parts >= 1,
-            f'parts: {self.parts} is below 1; specify a number of parts, or "auto"',
+            f'parts: must be "auto" or at least 1, not {self.parts}',
         )
         require_positive(self, "cell_size_m")
 
@@ -213,19 +213,20 @@ class Requirements:
     def __post_init__(self) -> None:
         for key in ("min_coverage_of_coverable", "min_sure_coverage_of_coverable", "max_unobserved_fraction"):
             share = getattr(self, key)
-            require(share is None or 0.0 <= share <= 1.0, f"{key}: {share} must be between 0 and 1")
+            require(share is None or 0.0 <= share <= 1.0, f"{key}: must be between 0 and 1, not {share}")
         overlap = self.min_overlap_fraction
         require(
-            overlap is None or 0.0 < overlap <= 1.0, f"min_overlap_fraction: {overlap} must be above 0 and at most 1"
+            overlap is None or 0.0 < overlap <= 1.0,
+            f"min_overlap_fraction: must be above 0 and at most 1, not {overlap}",
         )
-        require(1 <= self.looks <= 20, f"looks: {self.looks} is outside 1..20")
+        require(1 <= self.looks <= 20, f"looks: must be between 1 and 20, not {self.looks}")
         require(
             self.looks == 1 or self.look_distance_m is not None,
-            "look_distance_m: this key is required with more than one look: nearer waypoints count as one",
+            "look_distance_m: this key is required with more than one look, because closer waypoints count as one",
         )
         require(
             self.look_distance_m is None or (self.look_distance_m > 0.0 and self.looks > 1),
-            "look_distance_m: the value must be above 0, and the key requires more than one look",
+            "look_distance_m: must be greater than 0, and requires more than one look",
         )
         require_positive(self, "max_gap_s", "max_unobserved_gap_s", "max_deviation_m", "max_ground_speed_m_s")
 
@@ -282,7 +283,8 @@ class Scenario:
     def __post_init__(self) -> None:
         require(
             self.requirements.min_overlap_fraction is None or all(v.sensor is None for v in self.vehicles),
-            "requirements.min_overlap_fraction: this key is for a single camera; omit it when vehicles have their own sensors",
+            "requirements.min_overlap_fraction: this key applies to a single camera; remove it if vehicles have "
+            "their own sensors",
         )
         for number, vehicle in enumerate(self.vehicles):
             link, system_id = vehicle.link, vehicle.system_id
@@ -311,23 +313,23 @@ class Scenario:
         )
         require(
             bool(self.vehicles) or not self.fleet.one_at_a_time,
-            "fleet.one_at_a_time: this key is for vehicles that differ, or for one with launch points; add a "
-            "[[vehicle]] for each, or a [[launch_point]]",
+            "fleet.one_at_a_time: this key applies to different vehicles, or to one vehicle with launch points; add "
+            "a [[vehicle]] for each vehicle, or a [[launch_point]]",
         )
         for number, vehicle in enumerate(self.vehicles or (self.vehicle,)):
             airspeed, which = vehicle.max_airspeed_m_s, f"vehicle.{number}" if self.vehicles else "vehicle"
             for key, speed_m_s in (("speed_m_s", self.wind.speed_m_s), ("most_m_s", self.wind.most_m_s or 0.0)):
                 require(
                     speed_m_s == 0.0 or (airspeed is not None and airspeed > speed_m_s),
-                    f"wind.{key}: {speed_m_s} m/s needs a larger {which}.max_airspeed_m_s, not {airspeed}",
+                    f"wind.{key}: {speed_m_s} m/s requires a larger {which}.max_airspeed_m_s than {airspeed or 'none'}",
                 )
         require(
             self.planner.objective not in {"mission-time", "energy"} or self.home is not None,
-            f'planner.objective: "{self.planner.objective}" needs a [home], where the mission starts',
+            f'planner.objective: "{self.planner.objective}" requires a [home], where the mission starts',
         )
         if self.area.is_geographic:
             require(self.home is not None, "home: specify lat_deg and lon_deg of the take-off position")
-            require(self.terrain.kind == "raster", "terrain.kind: a geographic area needs raster terrain")
+            require(self.terrain.kind == "raster", "terrain.kind: an area in degrees requires raster terrain")
             require(self.home is None or self.home.lat_deg is not None, "home: specify lat_deg and lon_deg")
             for number, vehicle in enumerate(self.vehicles):
                 which = f"launch_point.{number - 1}" if self.has_launch_points else f"vehicle.{number}.home"
@@ -341,7 +343,7 @@ class Scenario:
             )
             require(
                 self.home is None or self.home.east_m is not None or self.origin is not None,
-                "home: lat_deg and lon_deg need an origin; use east_m and north_m, or add an [origin]",
+                "home: lat_deg and lon_deg require an origin; use east_m and north_m, or add an [origin]",
             )
 
     @property
@@ -360,7 +362,7 @@ class Scenario:
         )
         require(
             not (self.obstacles.file or self.obstacles.prisms) or sensor.sight.line_of_sight != MIDPOINT,
-            f'{key}.line_of_sight: among obstacles it must be "ray"; "midpoint" tests one point of the ray only',
+            f'{key}.line_of_sight: with obstacles, this must be "ray", because "midpoint" tests only one point of the ray',
         )
         require(
             self.requirements.looks == 1 or not sensor.looks_along_path,
@@ -370,7 +372,7 @@ class Scenario:
         require(
             self.requirements.min_overlap_fraction is None or sensor.asks_overlap,
             "requirements.min_overlap_fraction: this key requires a frame camera's forward_overlap and side_overlap; "
-            "add them, or omit it",
+            "add them, or remove this key",
         )
         require(
             self.area.cell_size_m <= reach_m,

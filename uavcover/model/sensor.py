@@ -239,13 +239,13 @@ class FrameCamera(SensorBase):
         _require_angle("fov_along_deg", self.fov_along_deg)
         require(
             -90.0 <= self.pitch_deg <= 0.0,
-            f"pitch_deg: {self.pitch_deg} is outside -90 (straight down)..0 (to the horizon)",
+            f"pitch_deg: must be between -90 (straight down) and 0 (horizontal), not {self.pitch_deg}",
         )
         _require_incidence(self.max_incidence_deg)
         _require_pixels(self)
         require(
             self.heading_deg is None or 0.0 <= self.heading_deg < 360.0,
-            f"heading_deg: {self.heading_deg} is outside 0 to below 360, clockwise from north",
+            f"heading_deg: must be at least 0 and below 360 (clockwise from north), not {self.heading_deg}",
         )
         require(
             self.heading_deg is None or self.mount == "stabilised",
@@ -259,7 +259,7 @@ class FrameCamera(SensorBase):
 
     def _require_overlaps(self) -> None:
         for key, share in (("forward_overlap", self.forward_overlap), ("side_overlap", self.side_overlap)):
-            require(share is None or 0.0 <= share < 1.0, f"{key}: {share} must be at least 0 and below 1")
+            require(share is None or 0.0 <= share < 1.0, f"{key}: must be at least 0 and below 1, not {share}")
         require_positive(self, "trigger_distance_m")
         require(
             self.forward_overlap is None or self.trigger_distance_m is None,
@@ -355,8 +355,8 @@ class FrameCamera(SensorBase):
         picture = self.flat_picture(lowest_agl_m)
         if picture is None:
             raise ScenarioError(
-                f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_agl_m:g} m no flat ground is within "
-                "the limits of the photo; change pitch_deg, range_m or max_ground_sample_m"
+                f"sensor.forward_overlap: at limits.min_height_agl_m = {lowest_agl_m:g} m, a photo shows no level "
+                "ground within the sensor's limits; change pitch_deg, range_m or max_ground_sample_m"
             )
         return (1.0 - self.forward_overlap) * picture.length_m
 
@@ -370,11 +370,13 @@ class FrameCamera(SensorBase):
 
 
 def _require_angle(key: str, angle_deg: float) -> None:
-    require(0.0 < angle_deg < 180.0, f"{key}: {angle_deg} is outside 0..180 degrees")
+    require(0.0 < angle_deg < 180.0, f"{key}: must be between 0 and 180 degrees, not {angle_deg}")
 
 
 def _require_incidence(max_incidence_deg: float) -> None:
-    require(0.0 < max_incidence_deg <= 90.0, f"max_incidence_deg: {max_incidence_deg} is outside 0..90 degrees")
+    require(
+        0.0 < max_incidence_deg <= 90.0, f"max_incidence_deg: must be between 0 and 90 degrees, not {max_incidence_deg}"
+    )
 
 
 def _require_pixels(sensor: NadirCamera | FrameCamera) -> None:

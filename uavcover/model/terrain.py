@@ -65,13 +65,16 @@ class RasterTerrain:
         for key in ("surface_vertical_datum", "surface_crs", "surface_band", "surface_height_unit"):
             require(
                 self.surface_file is not None or getattr(self, key) is None,
-                f"{key}: this key describes a surface model; add surface_file, or omit the key",
+                f"{key}: this key describes a surface model; add surface_file, or remove this key",
             )
         band = self.surface_band
-        require(not isinstance(band, int) or band >= 1, f"surface_band: {band} must be at least 1 (the first band)")
+        require(
+            not isinstance(band, int) or band >= 1, f"surface_band: must be at least 1 (the first band), not {band}"
+        )
         require_positive(self, "surface_hides_m")
         require(
-            not isinstance(self.band, int) or self.band >= 1, f"band: {self.band} must be at least 1 (the first band)"
+            not isinstance(self.band, int) or self.band >= 1,
+            f"band: must be at least 1 (the first band), not {self.band}",
         )
         require_not_negative(self, "fill_no_data_m")
         require(
@@ -84,7 +87,7 @@ class RasterTerrain:
         )
         require(
             self.water_height_m is None or -500.0 <= self.water_height_m <= 9000.0,
-            f"water_height_m: {self.water_height_m} is outside -500..9000 m",
+            f"water_height_m: must be between -500 and 9000 m, not {self.water_height_m}",
         )
         require_positive(self, "grid_step_m")
 

@@ -17,14 +17,16 @@ def require_positive(checked: object, *keys: str) -> None:
     """Require every named value that is given to be a finite number above zero."""
     for key in keys:
         value = getattr(checked, key)
-        require(value is None or (math.isfinite(value) and value > 0.0), f"{key}: {value} must be above 0")
+        require(value is None or (math.isfinite(value) and value > 0.0), f"{key}: must be greater than 0, not {value}")
 
 
 def require_not_negative(checked: object, *keys: str) -> None:
     """Require every named value that is given to be a finite number of at least zero."""
     for key in keys:
         value = getattr(checked, key)
-        require(value is None or (math.isfinite(value) and value >= 0.0), f"{key}: {value} must not be negative")
+        require(
+            value is None or (math.isfinite(value) and value >= 0.0), f"{key}: must not be negative, but is {value}"
+        )
 
 
 def require_lon_lat(ring: tuple[tuple[float, float], ...], key: str) -> None:
@@ -32,5 +34,5 @@ def require_lon_lat(ring: tuple[tuple[float, float], ...], key: str) -> None:
     for lon, lat in ring:
         require(
             abs(lat) <= 90.0 and abs(lon) <= 180.0,
-            f"{key}: ({lon}, {lat}) is not a longitude and a latitude in degrees, in this order",
+            f"{key}: ({lon}, {lat}) is not a longitude and latitude in degrees, in this order",
         )

@@ -56,15 +56,18 @@ class Fleet:
     one_at_a_time: bool = False
 
     def __post_init__(self) -> None:
-        require(1 <= self.vehicles <= 50, f"vehicles: {self.vehicles} is outside 1..50")
+        require(1 <= self.vehicles <= 50, f"vehicles: must be between 1 and 50, not {self.vehicles}")
         require_not_negative(self, "turnaround_s", "start_error_s", "pad_s", "pad_spacing_m")
         require_not_negative(self, "path_error_m", "clock_error_s")
         require_positive(self, "separation_m")
         require(
             0.0 <= self.timing_error_fraction <= 0.5,
-            f"timing_error_fraction: {self.timing_error_fraction} is outside 0..0.5",
+            f"timing_error_fraction: must be between 0 and 0.5, not {self.timing_error_fraction}",
         )
-        require(0.0 < self.max_pad_slope_deg < 90.0, f"max_pad_slope_deg: {self.max_pad_slope_deg} is outside 0..90")
+        require(
+            0.0 < self.max_pad_slope_deg < 90.0,
+            f"max_pad_slope_deg: must be between 0 and 90, not {self.max_pad_slope_deg}",
+        )
 
     @property
     def planned_separation_m(self) -> float:
@@ -125,18 +128,18 @@ class PowerModel:
     def __post_init__(self) -> None:
         require_positive(self, "tip_speed_m_s", "mass_kg", "rotor_area_m2", "hover_induced_m_s")
         require_not_negative(self, "payload_kg", "rotor_drag_1_s", "body_drag_area_m2")
-        require(0.0 <= self.profile_share < 1.0, f"profile_share: {self.profile_share} is outside 0..1")
-        require(0.0 <= self.idle_share < 1.0, f"idle_share: {self.idle_share} is outside 0..1")
-        require(0.0 <= self.descent_gain <= 1.0, f"descent_gain: {self.descent_gain} is outside 0..1")
+        require(0.0 <= self.profile_share < 1.0, f"profile_share: must be between 0 and 1, not {self.profile_share}")
+        require(0.0 <= self.idle_share < 1.0, f"idle_share: must be between 0 and 1, not {self.idle_share}")
+        require(0.0 <= self.descent_gain <= 1.0, f"descent_gain: must be between 0 and 1, not {self.descent_gain}")
         require(
             0.0 <= self.uncertainty_fraction <= 1.0,
-            f"uncertainty_fraction: {self.uncertainty_fraction} is outside 0..1",
+            f"uncertainty_fraction: must be between 0 and 1, not {self.uncertainty_fraction}",
         )
         for key in ("payload_kg", "rotor_area_m2", "body_drag_area_m2"):
             require(not getattr(self, key) or self.mass_kg is not None, f"{key}: this key requires mass_kg")
         require(
             self.rotor_area_m2 is None or self.hover_induced_m_s is None,
-            "hover_induced_m_s: rotor_area_m2 defines it already; remove one of them",
+            "hover_induced_m_s: rotor_area_m2 already defines this value; remove one of the two keys",
         )
 
     @property
@@ -192,9 +195,9 @@ class Wind:
         require_not_negative(self, "speed_m_s", "gust_m_s")
         require(
             self.most_m_s is None or self.most_m_s >= self.speed_m_s,
-            f"most_m_s: {self.most_m_s} m/s is below speed_m_s = {self.speed_m_s}",
+            f"most_m_s: must be at least speed_m_s = {self.speed_m_s}, not {self.most_m_s}",
         )
-        require(abs(self.from_deg) <= 360.0, f"from_deg: {self.from_deg} is outside -360..360 degrees")
+        require(abs(self.from_deg) <= 360.0, f"from_deg: must be between -360 and 360 degrees, not {self.from_deg}")
 
 
 AutopilotName = Literal["ardupilot", "px4"]
@@ -207,7 +210,7 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
             return default
         case "ardupilot" | "px4":
             return text
-    raise InputError(f"--autopilot: {text!r} is not an autopilot; use ardupilot or px4")
+    raise InputError(f"--autopilot: must be ardupilot or px4, not {text!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -342,21 +345,27 @@ class Vehicle:
         require_positive(self, "takeoff_height_m", "return_height_m")
         require(
             self.cruise_speed_m_s <= 100.0,
-            f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is too fast for a multirotor",
+            f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is too fast for a multirotor; use a lower speed",
         )
         airspeed, acceleration = self.max_airspeed_m_s, self.acceleration_m_s2
         require(
             airspeed is None or airspeed >= self.cruise_speed_m_s,
-            f"max_airspeed_m_s: {airspeed} m/s is below cruise_speed_m_s = {self.cruise_speed_m_s}",
+            f"max_airspeed_m_s: must be at least cruise_speed_m_s = {self.cruise_speed_m_s}, not {airspeed}",
         )
-        require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: the value must be above 0")
-        require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: the value must be above 0")
-        require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: the value must be above 0")
-        require(self.system_id is None or 1 <= self.system_id <= 255, f"system_id: {self.system_id} is outside 1..255")
-        require(0.0 <= self.reserve_fraction < 1.0, f"reserve_fraction: {self.reserve_fraction} is outside 0..1")
+        require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: must be greater than 0")
+        require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: must be greater than 0")
+        require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be greater than 0")
+        require(
+            self.system_id is None or 1 <= self.system_id <= 255,
+            f"system_id: must be between 1 and 255, not {self.system_id}",
+        )
+        require(
+            0.0 <= self.reserve_fraction < 1.0,
+            f"reserve_fraction: must be between 0 and 1, not {self.reserve_fraction}",
+        )
         require(
             self.max_mission_items is None or self.max_mission_items >= 8,
-            f"max_mission_items: {self.max_mission_items} is not enough for take-off, a leg and landing (8)",
+            f"max_mission_items: must be at least 8 (take-off, a leg and landing), not {self.max_mission_items}",
         )
 
     @property

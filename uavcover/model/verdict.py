@@ -214,8 +214,8 @@ class MissingPhotos:
     def __str__(self) -> str:
         """Description for people."""
         return (
-            f"no photo was reported for {self.length_m:.0f} m, {self.end_s - self.start_s:.0f} s from {self.start_s:.1f} s: "
-            f"{self.expected} {'was' if self.expected == 1 else 'were'} expected"
+            f"no photo was reported over {self.length_m:.0f} m ({self.end_s - self.start_s:.0f} s from "
+            f"{self.start_s:.1f} s); {self.expected} {'was' if self.expected == 1 else 'were'} expected"
         )
 
 

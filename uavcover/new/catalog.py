@@ -54,16 +54,14 @@ def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
     try:
         row = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"{option}: {path} cannot be read ({type(error).__name__}); use a name or a TOML file"
-        ) from error
+        raise InputError(f"{option}: cannot read {path} ({type(error).__name__}); use a name or a TOML file") from error
     except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
         raise InputError(
-            f"{option}: {path}: the file is not valid TOML: {error}; {option} list shows the known names"
+            f"{option}: {path}: the file is not valid TOML: {error}; to show the known names, use {option} list"
         ) from error
     if _has_huge(row):
         raise InputError(
-            f"{option}: {path}: the file has a number with hundreds of digits; {option} list shows the known names"
+            f"{option}: {path}: the file has a number with hundreds of digits; to show the known names, use {option} list"
         )
     tables = [key for key, value in row.items() if isinstance(value, dict)]
     if len(tables) == 1 == len(row):
@@ -105,10 +103,8 @@ def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str
     near += [known[key] for key in difflib.get_close_matches(plain, known, n=_MOST_NAMES, cutoff=0.6)]
     near += [name for key, name in known.items() if len(plain) >= 3 and plain in key]
     shown = list(dict.fromkeys(near))[:_MOST_NAMES]
-    advice = (
-        f"did you mean {' or '.join(shown)}?" if shown else "if it is your own TOML file, its name must end in .toml"
-    )
-    raise InputError(f"{option}: {wanted!r} is not known; {advice} (uavcover {command} {option} list shows all)")
+    advice = f"did you mean {' or '.join(shown)}?" if shown else "the name of your own TOML file must end in .toml"
+    raise InputError(f"{option}: unknown name {wanted!r}; {advice} (see uavcover {command} {option} list)")
 
 
 def _plain(name: str) -> str:
@@ -134,9 +130,7 @@ def number_of(row: Mapping[str, Any], key: str, *, where: str) -> float | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
-        raise InputError(
-            f"{where}: {key}: {value!r} is not a number above 0 (the unit is the one in the name of the key)"
-        )
+        raise InputError(f"{where}: {key}: must be a number above 0, not {value!r} (its unit is in the key's name)")
     return float(value)
 
 
@@ -144,12 +138,10 @@ def pair_of(row: Mapping[str, Any], key: str, *, where: str) -> tuple[float, flo
     """Two positive numbers of a row. Raises InputError: it is not two positive numbers."""
     value = row[key]
     if not isinstance(value, list) or len(value) != 2:
-        raise InputError(
-            f"{where}: {key}: {value!r} is not a list of two numbers; write the number across the photo, then along it"
-        )
+        raise InputError(f"{where}: {key}: must be two numbers, across and along the photo, not {value!r}")
     first, second = (number_of({key: number}, key, where=where) for number in value)
     if first is None or second is None:
-        raise InputError(f"{where}: {key}: two numbers are required; write the number across the photo, then along it")
+        raise InputError(f"{where}: {key}: two numbers are required: first across the photo, then along it")
     return first, second
 
 
@@ -201,7 +193,7 @@ def _vehicle(name: str, row: dict[str, Any], *, where: str) -> VehicleType:
             return VehicleType(
                 name, str(row["title"]), autopilot=autopilot, source=str(row.get("source", "")), **numbers
             )
-    raise InputError(f"{where}: autopilot: {autopilot!r} is not known; use ardupilot or px4")
+    raise InputError(f"{where}: autopilot: must be ardupilot or px4, not {autopilot!r}")
 
 
 # Cameras by name or from a file: sensor, pixels, lens, and how fast they take photos.
@@ -263,13 +255,11 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     across, along = pair_of(row, "pixels", where=where)
     focal = number_of(row, "focal_length_mm", where=where)
     if focal is None or across != int(across) or along != int(along):
-        raise InputError(
-            f"{where}: pixels: {row['pixels']} are not whole numbers; write the number across the photo, then along it"
-        )
+        raise InputError(f"{where}: pixels: must be whole numbers, across and along the photo, not {row['pixels']}")
     if abs(width / across / (height / along) - 1.0) > SURVEY.largest_pitch_difference:
         raise InputError(
-            f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square; "
-            "sensor_mm and pixels do not match (use both in landscape, for the same photo format)"
+            f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square, so "
+            "sensor_mm and pixels do not match; specify both in landscape, for the same photo format"
         )
     interval = number_of(row, "min_interval_s", where=where)
     camera = CameraBody(
@@ -277,7 +267,7 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     )
     if not 3.0 <= camera.fov_across_deg <= 140.0:
         raise InputError(
-            f"{where}: a field of view of {camera.fov_across_deg:.1f} degrees across; use the real focal length in "
-            "millimetres, not the 35 mm equivalent"
+            f"{where}: the field of view of {camera.fov_across_deg:.1f} degrees across is implausible; use the real "
+            "focal length in millimetres, not the 35 mm equivalent"
         )
     return camera

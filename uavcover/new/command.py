@@ -70,8 +70,8 @@ def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenari
     scenarios = new_scenarios(request, user, folder=folder)
     if len(scenarios) > 1:
         raise InputError(
-            f"--pattern: {request.pattern} consists of {len(scenarios)} missions; write their scenarios with "
-            "uavcover new, and plan each"
+            f"--pattern: {request.pattern} consists of {len(scenarios)} missions; create their scenarios with "
+            "uavcover new, and plan each one"
         )
     return scenarios[0]
 
@@ -91,7 +91,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=TERRAIN.around_m, datum=wanted)
     if dem.water_height_m is not None:
         user.warn(
-            f"--water-height: ground without data in and around {dem.name} counts as open water "
+            f"--water-height: missing elevation data in and around {dem.name} is treated as open water at "
             f"{dem.water_height_m:g} m above sea level, even if it is land"
         )
     closed = _closed_to_home(request, look, user)
@@ -131,8 +131,8 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
     if wish.camera.min_interval_s is None:
         user.warn(
-            f"the shortest interval of {wish.camera.name} is unknown: check that it takes a photo every "
-            f"{design.picture_distance_m / design.speed_m_s:.1f} s"
+            f"the minimum photo interval of {wish.camera.name} is unknown; check that the camera can take a photo "
+            f"every {design.picture_distance_m / design.speed_m_s:.1f} s"
         )
     return tuple(_in_full(scenario, view, look, request, folder=folder) for view in views)
 
@@ -186,9 +186,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
     above = "ground" if scenario.surface is None else "ground, trees and roofs"
     user.say(f"{'height band':18}{low:g} to {high:g} m above {above}, {gsd}")
     if design.is_capped:
-        user.say(
-            f"{'':18}{100.0 * design.wish.gsd_m:g} cm would allow {design.gsd_height_m:.0f} m: --max-height raises the limit"
-        )
+        user.say(f"{'':18}{100.0 * design.wish.gsd_m:g} cm would allow {design.gsd_height_m:.0f} m; raise --max-height")
     every_s = design.picture_distance_m / design.speed_m_s
     user.say(
         f"{'photo distance':18}{design.picture_distance_m:.1f} m, every {every_s:.1f} s at {design.speed_m_s:g} m/s"
@@ -230,13 +228,18 @@ def _estimate(scenario: NewScenario) -> _Estimate:
     time_s = mission_time_s(site, route)
     words = f"about {pictures} photos, {lines} lines, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
     if site.scenario.vehicle.longest_flight_s is None:
-        return _Estimate(pictures, time_s, None, f"{words} (plain lines; add --battery for the number of batteries)")
+        return _Estimate(
+            pictures, time_s, None, f"{words} (simple parallel lines; for the number of batteries, add --battery)"
+        )
     try:
         batteries = len(compile_sorties(site, route, autopilot=site.scenario.vehicle.autopilot))
     except InfeasibleError:
         batteries = math.ceil(time_s / site.scenario.vehicle.longest_flight_s)
     return _Estimate(
-        pictures, time_s, batteries, f"{words}, {batteries} batter{'y' if batteries == 1 else 'ies'} (plain lines)"
+        pictures,
+        time_s,
+        batteries,
+        f"{words}, {batteries} batter{'y' if batteries == 1 else 'ies'} (simple parallel lines)",
     )
 
 
@@ -258,8 +261,12 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
         except InputError as error:
             raise InputError(f"--no-fly: {error}") from error
         zones = [zone for zone in near if zone.in_force(window)]
-        idle = f"; {len(near) - len(zones)} are not active during the flight" if len(zones) < len(near) else ""
-        user.say(f"--no-fly: {len(zones)} zones of {file} count{idle}")
+        idle = (
+            f"; ignored {len(near) - len(zones)}, which are inactive during the flight"
+            if len(zones) < len(near)
+            else ""
+        )
+        user.say(f"--no-fly: included {len(zones)} zones from {file}{idle}")
         around = look.area.buffer(TERRAIN.farthest_home_m)
         for zone in local_zones(zones, look.frame, around):
             if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:
@@ -280,8 +287,8 @@ def _wish(request: NewRequest) -> SurveyWish:
     ]  # fmt: skip
     if missing:
         raise InputError(
-            f"{request.area.source}: an area also needs {', '.join(missing)} (uavcover new --camera list shows the "
-            "cameras; the default --overlap is 75/70)"
+            f"{request.area.source}: an area also requires {', '.join(missing)} (to show the cameras, use uavcover "
+            "new --camera list; the default --overlap is 75/70)"
         )
     camera: CameraBody = camera_named(str(request.camera))
     forward, side = quantities.overlaps(request.overlap if request.overlap is not None else "75/70")
@@ -304,9 +311,9 @@ def _length(text: str | None, option: str, example: str) -> float | None:
 def _datum(look: TerrainLook, user: User) -> tuple[str, bool]:
     if len(look.datums) > 1:
         user.warn(
-            "the elevation data does not state its vertical datum: heights are read as above sea level (EGM96); "
-            "heights above the ellipsoid would be wrong by up to 100 m; specify --vertical-datum EGM96, EGM2008 or "
-            "ellipsoid"
+            "the elevation data does not state its vertical datum, so its heights are interpreted as above sea level "
+            "(EGM96); if they are above the ellipsoid, all heights are wrong by up to 100 m; specify "
+            "--vertical-datum EGM96, EGM2008 or ellipsoid"
         )
     return look.datums[0], len(look.datums) == 1
 
@@ -318,7 +325,7 @@ def _near(text: str, look: TerrainLook) -> tuple[float, float]:
     if not away_m <= TERRAIN.farthest_home_m:
         raise InputError(
             f"--home: {text} is {away_m / 1000.0:.0f} km from the area; the limit is "
-            f"{TERRAIN.farthest_home_m / 1000.0:g} km; specify a closer position, latitude first"
+            f"{TERRAIN.farthest_home_m / 1000.0:g} km; specify a closer position, with latitude first"
         )
     return lat, lon
 
@@ -327,5 +334,5 @@ def _mount(text: str | None) -> str:
     if text is None:
         return "stabilised"
     if text.casefold() not in _MOUNTS:
-        raise InputError(f"--mount: {text!r} is not known; use stabilised (a gimbal) or fixed")
+        raise InputError(f"--mount: must be stabilised (a gimbal) or fixed, not {text!r}")
     return _MOUNTS[text.casefold()]

@@ -63,7 +63,7 @@ def _curve(name: str, row: dict[str, Any], *, where: str) -> DetectionCurve:
         table = _by_pixels(row, where=where)
     independent = row.get("independent", "sides")
     if independent not in INDEPENDENT:
-        raise InputError(f"{where}: independent: {independent!r} is not known; use one of {', '.join(INDEPENDENT)}")
+        raise InputError(f"{where}: independent: unknown value {independent!r}; use one of {', '.join(INDEPENDENT)}")
     return DetectionCurve(name, str(row.get("title", name)), str(row.get("source", "")), table, independent)
 
 
@@ -87,22 +87,16 @@ def _own_table(row: dict[str, Any], *, where: str) -> DetectionTable:
     given = row["probability"]
     by_angle = isinstance(given, list) and any(isinstance(part, list) for part in given)
     if by_angle and "off_vertical_deg" not in row:
-        raise InputError(
-            f"{where}: off_vertical_deg: the key is missing; each of its angles needs a row of probabilities"
-        )
+        raise InputError(f"{where}: off_vertical_deg: the key is missing; add one angle for each row of probabilities")
     if by_angle:
         angles_deg = _numbers(row["off_vertical_deg"], "off_vertical_deg", where=where)
         rows = given
     else:
         if "off_vertical_deg" in row:
-            raise InputError(
-                f"{where}: probability: each angle of off_vertical_deg needs a row, such as [[0.9, 0.4], [0.7, 0.2]]"
-            )
+            raise InputError(f"{where}: probability: each angle in off_vertical_deg requires a row, such as [0.9, 0.4]")
         angles_deg, rows = np.array([0.0, 90.0]), [given, given]
     if angles_deg[0] != 0.0 or angles_deg[-1] > 90.0:
-        raise InputError(
-            f"{where}: off_vertical_deg: the angles must begin at 0 (straight down) and end at 90 or before"
-        )
+        raise InputError(f"{where}: off_vertical_deg: the angles must begin at 0 (straight down) and end at 90 or less")
     if len(rows) != len(angles_deg):
         raise InputError(f"{where}: probability: there are {len(rows)} rows for {len(angles_deg)} angles")
     values = np.empty((len(rows), samples_m.size))
@@ -114,7 +108,7 @@ def _own_table(row: dict[str, Any], *, where: str) -> DetectionTable:
             )
         for k, value in enumerate(part):
             if not _is_number(value) or not 0.0 <= value <= 1.0:
-                raise InputError(f"{where}: probability: {value!r} in row {number + 1} is not between 0 and 1")
+                raise InputError(f"{where}: probability: values must be from 0 to 1, not {value!r} (row {number + 1})")
             values[number, k] = value
     return detection_table(samples_m, angles_deg, values)
 
@@ -122,10 +116,10 @@ def _own_table(row: dict[str, Any], *, where: str) -> DetectionTable:
 def _numbers(values: object, key: str, *, where: str) -> FloatArray:
     """Finite numbers that rise."""
     if not isinstance(values, list) or not 0 < len(values) <= SURVEY.most_values:
-        raise InputError(f"{where}: {key}: {str(values)[:60]} is not a list of numbers")
+        raise InputError(f"{where}: {key}: must be a list of numbers, not {str(values)[:60]}")
     for value in values:
         if not _is_number(value):
-            raise InputError(f"{where}: {key}: {value!r} is not a number")
+            raise InputError(f"{where}: {key}: each value must be a number, not {value!r}")
     numbers = np.array(values, dtype=float)
     if not (np.diff(numbers) > 0.0).all():
         raise InputError(f"{where}: {key}: values must increase")
@@ -135,7 +129,7 @@ def _numbers(values: object, key: str, *, where: str) -> FloatArray:
 def _share(row: dict[str, Any], key: str, default: float, *, where: str) -> float:
     value = row.get(key, default)
     if not _is_number(value) or not 0.0 <= value <= 1.0:
-        raise InputError(f"{where}: {key}: {value!r} is not a fraction between 0 and 1")
+        raise InputError(f"{where}: {key}: must be a fraction between 0 and 1, not {value!r}")
     return float(value)
 
 

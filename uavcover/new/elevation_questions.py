@@ -153,7 +153,7 @@ def _touched(
     rows = range(math.floor(max(south, -90.0) / side), math.ceil(min(north, 90.0) / side))
     columns = range(math.floor(west / scale / side), math.ceil(east / scale / side))
     if len(rows) * len(columns) > TERRAIN.max_tiles:
-        raise InputError(f"{where}: spans {len(rows) * len(columns)} tiles of {side} degrees; use a part of it")
+        raise InputError(f"{where}: the area spans {len(rows) * len(columns)} tiles of {side} degrees; use a part")
     for row in rows:
         for column in columns:
             tile = shapely.box(column * side * scale, row * side, (column + 1) * side * scale, (row + 1) * side)
@@ -199,7 +199,7 @@ def surface_in_words(source: TerrainSource) -> str | None:
     if re.match(r"^ASTGTM", name, re.IGNORECASE):
         return _of_set("aster")
     if _SRTM.search(name):
-        return f"{name} is named like an SRTM tile: a radar surface of 2000, which includes some trees and buildings"
+        return f"{name} has the name of an SRTM tile, a radar surface from 2000 that includes some trees and buildings"
     if word := _WORDS.search(name):
         return f'its name contains "{word.group(0)}"'
     return _by_metadata(source)
@@ -231,7 +231,7 @@ def feet_in_words(source: TerrainSource) -> str | None:
         return f'its name contains "{word.group(0)}"'
     for text in _said(source):
         if word := _FEET.search(text[:_TAGS_READ]):
-            return f'its metadata contain "{word.group(0)}"'
+            return f'its metadata contains "{word.group(0)}"'
     return None
 
 
@@ -258,7 +258,7 @@ def shading_in_words(source: TerrainSource) -> str | None:
 def _by_metadata(source: TerrainSource) -> str | None:
     for text in _said(source):
         if (word := _WORDS.search(text[:_TAGS_READ])) and not _GROUND_WORDS.search(text[:_TAGS_READ]):
-            return f'its metadata contain "{word.group(0)}"'
+            return f'its metadata contains "{word.group(0)}"'
     return None
 
 
@@ -328,9 +328,7 @@ def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, 
     missing = [file for file in files if not file.is_file()]
     if missing:
         example = f"{option.removeprefix('--')}.tif"
-        raise InputError(
-            f"{option}: {missing[0]}: no such file; specify the elevation data of the area, such as {example}"
-        )
+        raise InputError(f"{option}: {missing[0]}: no such file; specify elevation data, such as {example}")
     return files
 
 
@@ -353,7 +351,7 @@ def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:
     files = _files(request.dem, area, "--dem")
     unit = None if request.height_unit is None else request.height_unit.casefold()
     if unit not in (None, *get_args(HeightUnit)):
-        raise InputError(f"--height-unit: {request.height_unit!r} is not known; use m, dm, cm, ft or us-ft")
+        raise InputError(f"--height-unit: unknown unit {request.height_unit!r}; use m, dm, cm, ft or us-ft")
     filled_m = request.fill_lakes and quantities.length_m(request.fill_lakes, option="--fill-lakes", example="200m")
     if request.water_height is not None and filled_m:
         raise InputError(
@@ -371,7 +369,7 @@ def over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSour
     if look.gap_m == 0.0 or dem.fill_no_data_m >= look.gap_m:
         return dem
     user.warn(
-        f"the elevation data has gaps of up to {look.gap_m:.0f} m in holes of the area: they are interpolated from "
+        f"the elevation data has gaps of up to {look.gap_m:.0f} m in holes of the area; they were interpolated from "
         "their edges, and flights may cross them"
     )
     return replace(dem, fill_no_data_m=look.gap_m)
@@ -383,8 +381,8 @@ def inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, use
     if margin_m < design.margin_m:
         less_m = design.margin_m - margin_m
         user.warn(
-            f"the elevation data ends near the edge of the area: full overlap begins {less_m:g} m inside that edge "
-            f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
+            f"the elevation data ends near the edge of the area: full overlap begins {less_m:g} m inside the edge of "
+            f"the area (margin {margin_m:g} m instead of {design.margin_m:g} m)"
         )
     return replace(design, margin_m=float(margin_m))
 

@@ -45,10 +45,10 @@ def water_height_m(text: str | None) -> float | None:
         return None
     match = _NUMBER.fullmatch(text)
     if match is None or match[2].lower() not in _LENGTHS:
-        raise InputError(f"--water-height: {text!r} is not a height with its unit; write it as 0m")
+        raise InputError(f"--water-height: must be a height with a unit, such as 0m, not {text!r}")
     height_m = float(match[1]) * _LENGTHS[match[2].lower()]
     if not -500.0 <= height_m <= 9000.0:
-        raise InputError(f"--water-height: {height_m:g} m is outside -500 to 9,000 m above sea level")
+        raise InputError(f"--water-height: must be between -500 and 9,000 m above sea level, not {height_m:g} m")
     return height_m
 
 
@@ -56,7 +56,7 @@ def memory_bytes(text: str, *, option: str) -> int:
     """A size of memory such as ``4GiB`` in bytes; the unit is needed. Raises InputError: it is none, or below 1 MiB."""
     value = _quantity(text, _SIZES_MIB, option=option, example="4GiB")
     if value < 1.0:
-        raise InputError(f"{option}: {text!r} is below 1 MiB; write it as 4GiB")
+        raise InputError(f"{option}: must be at least 1 MiB, such as 4GiB, not {text!r}")
     return round(value * 2**20)
 
 
@@ -79,11 +79,11 @@ def _quantity(text: str, units: Mapping[str, float], *, option: str, example: st
     known = {unit.lower(): each for unit, each in units.items()}
     if match is None or match[2].lower() not in known:
         missing = match is not None and not match[2]
-        what = f"{text!r} has no unit" if missing else f"{text!r} is not understood"
+        what = f"{text!r} has no unit" if missing else f"{text!r} is not a valid quantity"
         raise InputError(f"{option}: {what}; write it as {example} (units: {', '.join(units)})")
     value = float(match[1]) * known[match[2].lower()]
     if not 0.0 < value < 1e9:
-        raise InputError(f"{option}: {text!r} must be above 0; write it as {example}")
+        raise InputError(f"{option}: must be greater than 0, such as {example}, not {text!r}")
     return value
 
 
@@ -106,7 +106,7 @@ def flight_window(text: str, *, option: str) -> tuple[str, str]:
             end = utc_time(last, option)
         window_of(begin.isoformat(), end.isoformat(), option)
     except (ValueError, OverflowError) as error:
-        words = str(error) if str(error).startswith(option) else f"{option}: {text[:40]!r} is not a time of a flight"
+        words = str(error) if str(error).startswith(option) else f"{option}: {text[:40]!r} is not a valid flight time"
         raise InputError(f"{words}; write it as 2026-07-01T09:00Z/2h or START/END") from None
     return f"{begin:%Y-%m-%dT%H:%M:%SZ}", f"{end:%Y-%m-%dT%H:%M:%SZ}"
 
@@ -123,14 +123,12 @@ def overlaps(text: str) -> tuple[float, float]:
     except ValueError:
         shares = []
     if len(shares) not in (1, 2):
-        raise InputError(
-            f"--overlap: {text!r} is not understood; write it as 75/70: forward and side overlap in percent"
-        )
+        raise InputError(f"--overlap: must be forward and side overlap in percent, such as 75/70, not {text!r}")
     forward, side = shares[0], shares[-1]
     if max(forward, side) < 1.0 and max(forward, side) > 0.0:
-        raise InputError(f"--overlap: {text!r} is below one percent; write it in percent, as 75/70")
+        raise InputError(f"--overlap: must be in percent, such as 75/70, not {text!r}")
     if not (0.0 <= forward <= 95.0 and 0.0 <= side <= 95.0):
-        raise InputError(f"--overlap: {text!r} is outside 0 to 95 percent; write it as 75/70: forward, then side")
+        raise InputError(f"--overlap: each value must be between 0 and 95 percent, such as 75/70, not {text!r}")
     return forward / 100.0, side / 100.0
 
 
@@ -143,7 +141,5 @@ def lat_lon(text: str, *, option: str) -> tuple[float, float]:
             f"{option}: {text!r} is not a position; write it as LAT,LON in degrees, such as 46.5123,8.0456"
         ) from None
     if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
-        raise InputError(
-            f"{option}: latitude {lat:g}, longitude {lon:g} is not a position on Earth; latitude comes first"
-        )
+        raise InputError(f"{option}: latitude {lat:g}, longitude {lon:g} is not on Earth; write latitude first")
     return lat, lon

@@ -61,7 +61,7 @@ def views_of(pattern: str | None, *, along_deg: float) -> tuple[View, ...]:
         case "oblique":
             tilted = (View(name, SURVEY.oblique_pitch_deg, heading, heading) for name, heading in _COMPASS)
             return (View("nadir", -90.0, None, _whole(along_deg)), *tilted)
-    raise InputError(f"--pattern: {pattern!r} is not known; use {', '.join(PATTERNS[:-1])} or {PATTERNS[-1]}")
+    raise InputError(f"--pattern: must be {', '.join(PATTERNS[:-1])} or {PATTERNS[-1]}, not {pattern!r}")
 
 
 def _whole(heading_deg: float) -> float:

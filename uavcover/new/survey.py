@@ -84,7 +84,7 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
             raise InputError(
                 f"--dsm: objects there are up to {step_m:.0f} m tall, so no lines fit between "
                 f"{SURVEY.lowest_bottom_m:g} m above them and {top_m:g} m above open ground; use a coarser --gsd or "
-                "a larger --max-height, or remove them from the area"
+                "a larger --max-height, or exclude these objects from the area"
             )
     across = camera.sensor_across_mm / camera.focal_length_mm
     along = camera.sensor_along_mm / camera.focal_length_mm
@@ -118,12 +118,13 @@ def _refuse_height(wish: SurveyWish, gsd_height_m: float, top_m: float) -> None:
     if gsd_height_m < SURVEY.lowest_top_m:
         coarser_cm = 100.0 * SURVEY.lowest_top_m / wish.camera.focal_px
         raise InputError(
-            f"--gsd: {100.0 * wish.gsd_m:g} cm with {wish.camera.name} means flying at {gsd_height_m:.1f} m above "
-            f"ground, below {SURVEY.lowest_top_m:g} m; use {coarser_cm:.2g} cm or more, or a camera with a longer "
-            "lens"
+            f"--gsd: {100.0 * wish.gsd_m:g} cm with {wish.camera.name} requires a height of {gsd_height_m:.1f} m "
+            f"above ground, but the minimum is {SURVEY.lowest_top_m:g} m; use {coarser_cm:.2g} cm or more, or a "
+            "camera with a longer lens"
         )
     raise InputError(
-        f"--max-height: {top_m:g} m leaves no height band above trees and houses; use {SURVEY.lowest_top_m:g} m or more"
+        f"--max-height: {top_m:g} m leaves no room for a height band above trees and houses; use "
+        f"{SURVEY.lowest_top_m:g} m or more"
     )
 
 
@@ -133,8 +134,8 @@ def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
     largest = vehicle.max_speed_m_s if vehicle is not None else None
     if wish.speed_m_s is not None and largest is not None and wish.speed_m_s > largest:
         raise InputError(
-            f"--speed: {wish.speed_m_s:g} m/s is more than the {largest:g} m/s of "
-            f"{wish.vehicle and wish.vehicle.name}; use a lower speed"
+            f"--speed: {wish.speed_m_s:g} m/s exceeds the maximum of {wish.vehicle and wish.vehicle.name}, "
+            f"{largest:g} m/s; use a lower speed"
         )
     usual = SURVEY.usual_speed_m_s
     if vehicle is not None and vehicle.cruise_speed_m_s is not None:
@@ -148,10 +149,10 @@ def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
     fastest = picture_distance_m / (interval_s * SURVEY.trigger_slack)
     if speed <= fastest:
         return speed, ""
-    needed = f"a photo every {picture_distance_m:.1f} m and {interval_s:g} s at least between two of {wish.camera.name}"
+    needed = f"a photo every {picture_distance_m:.1f} m and the {interval_s:g} s interval of {wish.camera.name}"
     if wish.speed_m_s is not None or fastest < SURVEY.slowest_m_s:
         raise InputError(
-            f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow {fastest:.1f} m/s; "
-            "use less forward overlap, a coarser --gsd or a lower --speed, or use a faster camera"
+            f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow only {fastest:.1f} m/s; use "
+            "less forward overlap, a coarser --gsd or a lower --speed, or use a faster camera"
         )
-    return math.floor(10.0 * fastest) / 10.0, f"{needed} allow no more"
+    return math.floor(10.0 * fastest) / 10.0, f"{needed} do not allow a higher speed"

@@ -58,8 +58,8 @@ def look_at_terrain(
     west, south, east, north = area.bounds
     if max(east - west, north - south) > 1000.0 * TERRAIN.largest_km:
         raise InputError(
-            f"{where}: {0.001 * (east - west):.0f} km by {0.001 * (north - south):.0f} km, more than "
-            f"{TERRAIN.largest_km:g} km; use a part of it (--feature, or a smaller polygon)"
+            f"{where}: the area measures {0.001 * (east - west):.0f} km by {0.001 * (north - south):.0f} km, but the "
+            f"limit is {TERRAIN.largest_km:g} km; use a part of it (--feature, or a smaller polygon)"
         )
     _require_ground(file, datums[0], parts, where=where, frame=frame, area=area)
     zone = area.convex_hull.buffer(around_m)
@@ -109,9 +109,9 @@ def _gaps_in_holes_m(
                 row, column = np.argwhere(inside)[0] + (place[0].start, place[1].start)
                 lat, lon, _ = frame.geodetic_from_enu([[easts[column], norths[row], 0.0]])
                 raise InputError(
-                    f"{where}: there is no elevation in {file} at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, "
-                    f"inside the area; --fill-lakes {length_m:g}m interpolates the gap, --water-height 0m treats it "
-                    "as the sea; or remove it from the area, or use other data"
+                    f"{where}: {file} has no elevation at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, inside the "
+                    f"area; interpolate the gap with --fill-lakes {length_m:g}m, treat it as the sea with "
+                    "--water-height 0m, exclude it from the area, or use other data"
                 )
         else:
             largest_m = max(largest_m, length_m)
@@ -161,9 +161,7 @@ def place_for_home(
                 "in the open as --home LAT,LON"
             )
     if not known.any():
-        raise InputError(
-            "--home: there is no elevation at the edge of the area; specify the take-off position as --home LAT,LON"
-        )
+        raise InputError("--home: there is no elevation data at the edge of the area; specify --home LAT,LON")
     level = known & (slopes <= max(TERRAIN.home_slope_deg, float(np.min(slopes[known])) + 1.0))
     best = places[level][int(np.argmin(heights[level]))]
     lat, lon, _ = look.frame.geodetic_from_enu([[best[0], best[1], 0.0]])
@@ -235,22 +233,20 @@ def _require_ground(
         lat, lon = np.array([frame.lat_deg]), np.array([frame.lon_deg])
         swapped = abs(frame.lon_deg) <= 90.0 and bool(np.isfinite(read_heights_amsl_m(file, datum, lon, lat)).all())
         if swapped:
-            raise InputError(
-                f"{where}: the area lies on {file} if latitude and longitude are exchanged; its axes are swapped: use --swap-axes"
-            )
+            raise InputError(f"{where}: the area lies on {file} only with swapped axes; use --swap-axes")
         inside = read_heights_amsl_m(file, datum, lat, lon)
         if not np.isfinite(inside).all():
             raise InputError(
                 f"{where}: the area at latitude {corner[0, 1]:.4f}, longitude {corner[0, 0]:.4f} is outside the "
-                f"elevation data {file} ({_reach(file, datum, frame)}); use data of that location, or specify the "
+                f"elevation data {file} ({_reach(file, datum, frame)}); use data for that location, or specify the "
                 "coordinate system of the area with --crs"
             )
     lats, lons, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
     at = int(np.argmin(known))
     raise InputError(
         f"{where}: the area reaches beyond the elevation data {file} at latitude {lats[at]:.5f}, longitude "
-        f"{lons[at]:.5f}; use data that covers it (several tiles as one: gdalbuildvrt), or a smaller area; if it is "
-        "open water, set its height above sea level with --water-height 0m"
+        f"{lons[at]:.5f}; use data that covers it (several tiles as one: gdalbuildvrt), or a smaller area; if the "
+        "missing part is open water, set its height above sea level with --water-height 0m"
     )
 
 
@@ -314,9 +310,7 @@ def read_as_needed(source: TerrainSource, *, crs: str | None, height_unit: str |
             lacks_crs, lacks_unit = dataset.crs is None, not dataset.units[0]
     except (rasterio.errors.RasterioError, OSError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise TerrainError(
-            f"{source}: the file cannot be read as elevation data ({reason}); use a raster of heights"
-        ) from error
+        raise TerrainError(f"{source}: cannot read elevation data ({reason}); use a raster of heights") from error
     return replace(source, crs=crs if lacks_crs else None, height_unit=height_unit if lacks_unit else None)
 
 

@@ -32,13 +32,11 @@ class Box:
         """
         low, high = finite_array(lower, "lower bounds"), finite_array(upper, "upper bounds")
         if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
-            raise OptimizerError(
-                f"bounds have shapes {low.shape} and {high.shape}: use two lists with one entry per variable"
-            )
+            raise OptimizerError(f"bounds have shapes {low.shape} and {high.shape}; use one entry per variable")
         inverted = np.flatnonzero(low > high)
         if inverted.size:
             j = int(inverted[0])
-            raise OptimizerError(f"bounds of variable {j} are inverted: lower {low[j]} > upper {high[j]}: swap them")
+            raise OptimizerError(f"bounds of variable {j} are inverted: lower {low[j]} > upper {high[j]}; swap them")
         with np.errstate(over="ignore"):
             if not np.isfinite(high - low).all():
                 raise OptimizerError("bounds are too far apart for floating point: upper - lower must be finite")
@@ -119,8 +117,8 @@ class AskTellOptimizer(Optimizer, ABC):
         self._n_objectives = _at_least(1, n_objectives, "n_objectives")
         if self.most_objectives is not None and self._n_objectives > self.most_objectives:
             raise OptimizerError(
-                f"n_objectives is {n_objectives}: {type(self).__name__} minimises at most {self.most_objectives}: "
-                "choose another algorithm"
+                f"n_objectives is {n_objectives}, but {type(self).__name__} minimises at most "
+                f"{self.most_objectives}; choose another algorithm"
             )
         self._n_constraints = _at_least(0, n_constraints, "n_constraints")
         self._population_size = _at_least(self.smallest_population, population_size, "population_size")
@@ -176,7 +174,7 @@ class AskTellOptimizer(Optimizer, ABC):
         if self._asked is None:
             if self.should_stop:
                 raise OptimizerError(
-                    f"ask: all {self._max_iterations} iterations are done: stop at should_stop, or raise max_iterations"
+                    f"ask: all {self._max_iterations} iterations are done; stop at should_stop, or raise max_iterations"
                 )
             candidates = self._first_candidates() if self._iteration == 0 else self._move(self._rngs["moves"])
             self._asked = read_only(self._box.clipped(candidates))
@@ -185,7 +183,7 @@ class AskTellOptimizer(Optimizer, ABC):
     def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
         """See `Optimizer.tell`: ``(n, m)`` objectives and ``(n, c)`` violations of the candidates asked last."""
         if self._asked is None:
-            raise OptimizerError("tell: no candidates are open: call ask() first, and tell() once for each ask()")
+            raise OptimizerError("tell: no candidates are open; call ask() first, and tell() once for each ask()")
         evaluated = Solutions(
             self._asked,
             self._checked_values(objectives, "objectives", self._n_objectives),
@@ -199,7 +197,7 @@ class AskTellOptimizer(Optimizer, ABC):
     def pareto_set(self) -> ParetoSet:
         """See `Optimizer.pareto_set`: what the archive holds."""
         if self._iteration == 0:
-            raise OptimizerError("pareto_set: no candidates are evaluated yet: complete one ask() and tell() first")
+            raise OptimizerError("pareto_set: no candidates evaluated yet; complete one ask() and tell() first")
         return self._archive.pareto_set()
 
     def interim_set(self) -> ParetoSet:
@@ -237,9 +235,7 @@ class AskTellOptimizer(Optimizer, ABC):
         """See `Optimizer.from_state`."""
         saved: dict[str, Any] = state
         if saved.get("algorithm") != cls.__name__:
-            raise OptimizerError(
-                f"state: saved by {saved.get('algorithm')!r}, not by {cls.__name__!r}: load it with that algorithm"
-            )
+            raise OptimizerError(f"state: saved by {saved.get('algorithm')!r}, so {cls.__name__!r} cannot load it")
         optimizer = cls(**saved["settings"], seed=0)
         for name, rng in optimizer._rngs.items():
             rng.bit_generator.state = saved["streams"][name]
@@ -262,22 +258,22 @@ class AskTellOptimizer(Optimizer, ABC):
         starts = finite_array(initial, "initial")
         if starts.ndim != 2 or starts.shape[1] != d or len(starts) > self._population_size:
             raise OptimizerError(
-                f"initial: shape {starts.shape}: use (k, {d}) with k <= population_size = {self._population_size}"
+                f"initial: the shape is {starts.shape}; use (k, {d}) with k <= population_size = {self._population_size}"
             )
         if not self._box.contains(starts):
-            raise OptimizerError("initial: a start lies outside the bounds: move it inside, or widen the bounds")
+            raise OptimizerError("initial: a start lies outside the bounds; move it inside, or widen the bounds")
         return starts
 
     def _checked_values(self, values: npt.ArrayLike, name: str, width: int) -> FloatArray:
         array = finite_array(values, f"tell: {name}")
         expected = (self._population_size, width)
         if array.shape != expected:
-            raise OptimizerError(f"tell: {name} have shape {array.shape}: use {expected}, one row per candidate")
+            raise OptimizerError(f"tell: {name} have shape {array.shape}; use {expected}, with one row per candidate")
         return array
 
     def _checked_violations(self, violations: npt.ArrayLike | None) -> FloatArray:
         if violations is None and self._n_constraints > 0:
-            raise OptimizerError(f"tell: violations are missing: use ({self._population_size}, {self._n_constraints})")
+            raise OptimizerError(f"tell: violations are missing; use ({self._population_size}, {self._n_constraints})")
         if violations is None:
             return np.empty((self._population_size, 0))
         return self._checked_values(violations, "violations", self._n_constraints)
@@ -297,7 +293,7 @@ class RandomSearch(AskTellOptimizer):
 
 def _at_least(smallest: int, value: int, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < smallest:
-        raise OptimizerError(f"{name} is {value!r}: use a whole number >= {smallest}")
+        raise OptimizerError(f"{name} is {value!r}; use a whole number >= {smallest}")
     return int(value)
 
 

@@ -100,14 +100,14 @@ class GuardedOptimizer:
             d = self._box.n_variables
             if x.ndim != 2 or x.shape[1] != d or not 1 <= len(x) <= self._population_size:
                 raise OptimizerError(
-                    f"{self._name}.ask(): shape {x.shape}: return (n, {d}) with 1 <= n <= population_size = "
+                    f"{self._name}.ask(): the shape is {x.shape}; return (n, {d}) with 1 <= n <= population_size = "
                     f"{self._population_size}"
                 )
             if not self._box.contains(x):
                 row, column = (int(k[0]) for k in np.nonzero((x < self._box.lower) | (x > self._box.upper)))
                 raise OptimizerError(
                     f"{self._name}.ask(): entry ({row}, {column}) is {x[row, column]:g}, outside "
-                    f"[{self._box.lower[column]:g}, {self._box.upper[column]:g}]: keep candidates inside lower and upper"
+                    f"[{self._box.lower[column]:g}, {self._box.upper[column]:g}]; keep candidates in bounds"
                 )
             self._asked = read_only(x)
         return self._asked
@@ -115,7 +115,7 @@ class GuardedOptimizer:
     def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
         """See `Optimizer.tell`; the optimizer is always given violations, ``(n, c)``."""
         if self._asked is None:
-            raise OptimizerError("tell: no candidates are open: call ask() first, and tell() once for each ask()")
+            raise OptimizerError("tell: no candidates are open; call ask() first, and tell() once for each ask()")
         n = len(self._asked)
         values = finite_array(objectives, "tell: objectives")
         broken = np.empty((n, 0)) if violations is None else finite_array(violations, "tell: violations")
@@ -124,7 +124,7 @@ class GuardedOptimizer:
             ("violations", broken, self._n_constraints),
         ):
             if array.shape != (n, width):
-                raise OptimizerError(f"tell: {what} have shape {array.shape}: use {(n, width)}, one row per candidate")
+                raise OptimizerError(f"tell: {what} have shape {array.shape}; use {(n, width)}, one row per candidate")
         self._called("tell", lambda: self._optimizer.tell(values.copy(), broken.copy()))
         self._archive = self._archive.with_evaluated(Solutions(self._asked, values, broken))
         self._iteration += 1
@@ -135,7 +135,7 @@ class GuardedOptimizer:
     def pareto_set(self) -> ParetoSet:
         """See `Optimizer.pareto_set`: what the optimizer says, or our archive if it says nothing."""
         if self._iteration == 0:
-            raise OptimizerError("pareto_set: no candidates are evaluated yet: complete one ask() and tell() first")
+            raise OptimizerError("pareto_set: no candidates evaluated yet; complete one ask() and tell() first")
         if not hasattr(self._optimizer, "pareto_set"):
             return self._archive.pareto_set()
         found = self._called("pareto_set", lambda: self._optimizer.pareto_set())
@@ -143,16 +143,14 @@ class GuardedOptimizer:
         widths = (self._box.n_variables, self._n_objectives, self._n_constraints)
         for what, width in zip(("x", "objectives", "violations"), widths, strict=True):
             if not hasattr(found, what):
-                raise OptimizerError(
-                    f"{self._name}.pareto_set(): the result has no {what}: return a uavcover.optimizers.ParetoSet"
-                )
+                raise OptimizerError(f"{self._name}.pareto_set(): no {what}; return a uavcover.optimizers.ParetoSet")
             array = finite_array(getattr(found, what), f"{self._name}.pareto_set().{what}")
             rows = len(columns[0]) if columns else max(1, len(array))
             if array.shape != (rows, width):
-                raise OptimizerError(f"{self._name}.pareto_set().{what}: shape {array.shape}: return {(rows, width)}")
+                raise OptimizerError(f"{self._name}.pareto_set().{what}: shape {array.shape}; return {(rows, width)}")
             columns.append(read_only(array))
         if not self._box.contains(columns[0]):
-            raise OptimizerError(f"{self._name}.pareto_set().x: a row is outside the bounds: return rows of ask()")
+            raise OptimizerError(f"{self._name}.pareto_set().x: a row is outside the bounds; return rows of ask()")
         x, values, violations = columns
         return ParetoSet(x, values, violations, feasible=not (violations > 0.0).any())
 
@@ -169,7 +167,7 @@ class GuardedOptimizer:
             place = traceback.extract_tb(error.__traceback__)[-1]
             raise OptimizerError(
                 f"{self._name}: {method} fails: {type(error).__name__}: {error} ({os.path.basename(place.filename)}, "
-                f"line {place.lineno}): correct the class, or choose another algorithm"
+                f"line {place.lineno}); correct the class, or choose another algorithm"
             ) from error
 
 
@@ -225,18 +223,18 @@ def optimizer_class(algorithm: str | type) -> type:
         found = algorithm
     name = optimizer_name(algorithm)
     if not inspect.isclass(found):
-        raise OptimizerError(f"algorithm {name!r}: {found!r} is not a class: name a class with ask() and tell()")
+        raise OptimizerError(f"algorithm {name!r}: {found!r} is not a class; name a class with ask() and tell()")
     if _is_pymoo(found):
         return adapted(found)
     lacking = [f"{method}()" for method in ("ask", "tell") if not callable(getattr(found, method, None))]
     if lacking:
         raise OptimizerError(
-            f"algorithm {name!r}: class {found.__name__} has no {' and no '.join(lacking)}: "
-            "write them (docs/reference/optimizers.md)"
+            f"algorithm {name!r}: class {found.__name__} has no {' and no '.join(lacking)}; implement them "
+            "(docs/reference/optimizers.md)"
         )
     if inspect.isabstract(found):
         unwritten = ", ".join(sorted(f"{method}()" for method in getattr(found, "__abstractmethods__", ())))
-        raise OptimizerError(f"algorithm {name!r}: class {found.__name__} is abstract: write {unwritten}")
+        raise OptimizerError(f"algorithm {name!r}: class {found.__name__} is abstract; implement {unwritten}")
     _check_arguments(found, name)
     return found
 
@@ -275,12 +273,10 @@ def _imported(name: str) -> object:
         except InputError as error:
             raise OptimizerError(f"algorithm {error}") from error
     if not colon:
-        raise OptimizerError(
-            f"algorithm {name!r} is not known: choose one of {', '.join(ALGORITHMS)}, or name a class as module:Class"
-        )
+        raise OptimizerError(f"unknown algorithm {name!r}; use {', '.join(ALGORITHMS)} or a class as module:Class")
     parts = [*module_name.split("."), *class_name.split(".")]
     if not all(part.isidentifier() for part in parts):
-        raise OptimizerError(f"algorithm {name!r}: write module:Class, as my_search:MySearch")
+        raise OptimizerError(f"algorithm {name!r}: write module:Class, such as my_search:MySearch")
     if module_name == "pymoo":
         return pymoo_algorithm(class_name)
     found: object = _module(module_name, name)
@@ -301,8 +297,8 @@ def _module(module_name: str, name: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name is not None and f"{module_name}.".startswith(f"{error.name}."):
             raise OptimizerError(
-                f"algorithm {name!r}: module not found {error.name!r}: run the command in the folder of {error.name}.py, "
-                "or install it"
+                f"algorithm {name!r}: cannot find the module {error.name!r}; run the command in the folder of "
+                f"{error.name}.py, or install the module"
             ) from None
         raise OptimizerError(f"algorithm {name!r}: importing {module_name!r} fails: {error}") from error
     except (Exception, SystemExit) as error:
@@ -324,7 +320,7 @@ def _classes_in(found: object) -> str:
         for key, value in vars(found).items()
         if inspect.isclass(value) and hasattr(value, "ask") and hasattr(value, "tell")
     ]
-    return f": choose one of {', '.join(sorted(usable))}" if usable else ", nor another class with ask() and tell()"
+    return f"; choose one of {', '.join(sorted(usable))}" if usable else ", nor another class with ask() and tell()"
 
 
 def _is_pymoo(found: type) -> bool:
@@ -342,6 +338,6 @@ def _check_arguments(found: type, name: str) -> None:
         signature.bind(np.zeros(1), np.ones(1), **dict.fromkeys(_SETTINGS))
     except TypeError as error:
         raise OptimizerError(
-            f"algorithm {name!r}: {found.__name__}(...) does not accept its arguments ({error}): accept (lower, "
+            f"algorithm {name!r}: {found.__name__}(...) does not accept its arguments ({error}); accept (lower, "
             f"upper, *, {', '.join(_SETTINGS)}), or end with **settings"
         ) from None

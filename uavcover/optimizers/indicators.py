@@ -26,9 +26,7 @@ def hypervolume(objectives: npt.ArrayLike, reference: npt.ArrayLike) -> float:
     """
     points, corner = finite_array(objectives, "objectives"), finite_array(reference, "reference")
     if points.ndim != 2 or corner.shape != points.shape[1:] or len(corner) not in (2, 3):
-        raise OptimizerError(
-            f"hypervolume: shapes {points.shape} and {corner.shape}: use (n, m) and (m,), with m = 2 or 3"
-        )
+        raise OptimizerError(f"hypervolume: shapes {points.shape} and {corner.shape}; use (n, m) and (m,), m = 2 or 3")
     inside = points[(points < corner).all(axis=1)]
     return _area(inside, corner) if len(corner) == 2 else _volume(inside, corner)
 
@@ -64,8 +62,6 @@ def inverted_generational_distance(reference_front: npt.ArrayLike, objectives: n
 
     front, points = finite_array(reference_front, "reference_front"), finite_array(objectives, "objectives")
     if front.ndim != 2 or points.ndim != 2 or front.shape[1] != points.shape[1] or not (front.size and points.size):
-        raise OptimizerError(
-            f"generational distance: shapes {front.shape} and {points.shape}: use (r, m) and (n, m), not empty"
-        )
+        raise OptimizerError(f"generational distance: shapes {front.shape} and {points.shape}; use (r, m), (n, m)")
     distances, _ = KDTree(points).query(front)  # Eq. 24: d(v, A) of every v
     return float(np.mean(distances))

@@ -130,11 +130,11 @@ def finite_array(values: npt.ArrayLike, name: str) -> FloatArray:
     try:
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
-        raise OptimizerError(f"{name}: this is not an array of numbers ({error}): use rows of equal length") from error
+        raise OptimizerError(f"{name}: this is not an array of numbers ({error}); use rows of equal length") from error
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         place = tuple(int(i) for i in bad[0])
-        raise OptimizerError(f"{name}: entry {place} is {array[place]}: use only finite numbers")
+        raise OptimizerError(f"{name}: entry {place} is {array[place]}; use only finite numbers")
     return array
 
 

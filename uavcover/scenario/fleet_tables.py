@@ -10,9 +10,9 @@ from uavcover.errors import ScenarioError
 LAUNCH_POINTS = "launch_point"
 
 _OF_SEVERAL = {
-    "home": "needs its home in [home]",
+    "home": "takes its home from [home]",
     "area": "covers the whole [area]",
-    "sensor": "needs its sensor in [sensor]",
+    "sensor": "takes its sensor from [sensor]",
 }
 """Keys of a [[vehicle]] that one vehicle alone does not have, and where it has them."""
 
@@ -28,7 +28,7 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
         ScenarioError: a vehicle has no home, [home] belongs to no vehicle, or their number is not that of [fleet].
     """
     if "vehicles" in raw:
-        raise ScenarioError(f"{source}: vehicles: unknown key; write [[vehicle]] once for each vehicle")
+        raise ScenarioError(f"{source}: vehicles: unknown key; write one [[vehicle]] table for each vehicle")
     raw = _with_launch_points(raw, source=source)
     listed, fleet, home = raw.get("vehicle"), raw.get("fleet", {}), raw.get("home")
     if isinstance(listed, dict):
@@ -67,26 +67,24 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     points, vehicle, home, fleet = raw[LAUNCH_POINTS], raw.get("vehicle", {}), raw.get("home"), raw.get("fleet", {})
     if not isinstance(points, list) or not points or not all(isinstance(point, dict) for point in points):
         raise ScenarioError(
-            f"{source}: {LAUNCH_POINTS}: write [[{LAUNCH_POINTS}]] with lat_deg and lon_deg once for each position"
+            f"{source}: {LAUNCH_POINTS}: write one [[{LAUNCH_POINTS}]] table with lat_deg and lon_deg for each position"
         )
     if home is None:
-        raise ScenarioError(
-            f"{source}: {LAUNCH_POINTS}: launch points are positions in addition to [home], which is missing; write "
-            "one of them as [home]"
-        )
+        raise ScenarioError(f"{source}: {LAUNCH_POINTS}: launch points require a [home]; write one of them as [home]")
     if not isinstance(vehicle, dict) or not isinstance(fleet, dict) or fleet.get("vehicles", 1) != 1:
         raise ScenarioError(
-            f"{source}: {LAUNCH_POINTS}: launch points are for one [vehicle]; several vehicles need their own homes"
+            f"{source}: {LAUNCH_POINTS}: launch points are supported for only one [vehicle]; define a home for each"
         )
     if fleet.get("one_at_a_time", True) is not True:
-        raise ScenarioError(f"{source}: fleet.one_at_a_time: one vehicle with launch points flies one flight at a time")
+        raise ScenarioError(
+            f"{source}: fleet.one_at_a_time: remove this key, because one vehicle with launch points "
+            "always flies one sortie at a time"
+        )
     _refuse_of_several(vehicle, f"{source}: vehicle")
     homes = [home, *points]
     for number, point in enumerate(homes):
         if point in homes[:number]:
-            raise ScenarioError(
-                f"{source}: {LAUNCH_POINTS}.{number - 1}: this duplicates an earlier position; remove it"
-            )
+            raise ScenarioError(f"{source}: {LAUNCH_POINTS}.{number - 1}: duplicates an earlier position; remove it")
     others = {key: value for key, value in raw.items() if key != LAUNCH_POINTS}
     return others | {
         "vehicle": [{**vehicle, "home": place} for place in homes],
@@ -97,4 +95,4 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
 def _refuse_of_several(table: dict[str, Any], where: str) -> None:
     for key, instead in _OF_SEVERAL.items():
         if key in table:
-            raise ScenarioError(f"{where}.{key}: a single vehicle {instead}; [[vehicle]] is for several")
+            raise ScenarioError(f"{where}.{key}: a single vehicle {instead}; use [[vehicle]] only for several vehicles")

@@ -98,8 +98,8 @@ def _highest_ground_m(ground: Ground, footprint: Footprint) -> float:
     if not (np.isfinite(on_edges).all() and np.isfinite(inside).all()):
         east, north = footprint.polygon.representative_point().coords[0]
         raise TerrainError(
-            f"obstacle {footprint.name!r}: no elevation under all of its footprint at {east:.0f} m east, {north:.0f} "
-            f"m north of the origin ({ground.source}); remove it, or use elevation data that covers it"
+            f"obstacle {footprint.name!r}: no elevation data below its footprint at {east:.0f} m east, {north:.0f} m "
+            f"north of the origin ({ground.source}); remove it, or use elevation data that covers it"
         )
     return float(max(on_edges.max(), inside.max(initial=-math.inf)))
 
@@ -152,15 +152,15 @@ def read_geojson(path: Path, *, key: str) -> Any:
     try:
         document = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
-        raise ScenarioError(f"{key}: {path} cannot be read as GeoJSON ({error})") from error
+        raise ScenarioError(f"{key}: {path}: cannot read the file as GeoJSON ({error})") from error
     # RFC 7946 allows longitude and latitude on WGS 84 only; older files may name another system.
     crs = document.get("crs") if isinstance(document, dict) else None
     if crs and not any(name in json.dumps(crs) for name in ("CRS84", "EPSG::4326", "EPSG:4326")):
         text = repr(crs)
         shown = text if len(text) <= 60 else f"{text[:57]}..."
         raise ScenarioError(
-            f"{key}: {path} has a different coordinate system ({shown}); convert it to longitude and latitude on WGS "
-            "84 (ogr2ogr -t_srs EPSG:4326)"
+            f"{key}: {path}: the file has a different coordinate system ({shown}); convert it to longitude and "
+            "latitude on WGS 84 (ogr2ogr -t_srs EPSG:4326)"
         )
     return document
 
@@ -207,7 +207,7 @@ def read_obstacles(path: Path) -> tuple[Obstacle, ...]:
         return _from_table(path)
     if suffix in {".kml", ".kmz"}:
         return read_kml_obstacles(path, key=_KEY)
-    raise ScenarioError(f"{_KEY}: {path} is not a .geojson, .kml, .kmz or .csv file")
+    raise ScenarioError(f"{_KEY}: {path}: use a .geojson, .kml, .kmz or .csv file")
 
 
 def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
@@ -216,7 +216,7 @@ def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
         try:
             height = properties["height_m"]
             if isinstance(height, bool) or not isinstance(height, int | float):
-                raise ValueError(f"height_m: {height!r} is not a number")
+                raise ValueError(f"height_m: expected a number, not {height!r}")
             found.append(
                 Obstacle(
                     height_m=float(height),
@@ -225,7 +225,7 @@ def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
                 )
             )
         except KeyError as error:
-            raise ScenarioError(f"{_KEY}: {path}: polygon {number} has no property height_m (metres)") from error
+            raise ScenarioError(f"{_KEY}: {path}: polygon {number} has no height_m; add it, in metres") from error
         except (TypeError, ValueError, IndexError) as error:
             raise ScenarioError(f"{_KEY}: {path}: polygon {number}: {error}") from error
     return tuple(found)
@@ -244,17 +244,18 @@ def _from_table(path: Path) -> tuple[Obstacle, ...]:
     missing = [column for column in _COLUMNS if column not in header]
     if missing:
         raise ScenarioError(
-            f"{_KEY}: {path} has no column {', '.join(missing)} (read as {dialect}); columns: name, {', '.join(_COLUMNS)}"
+            f"{_KEY}: {path}: the file has no column {', '.join(missing)} (read as {dialect}); columns: name, "
+            f"{', '.join(_COLUMNS)}"
         )
     found = []
     for line, cells in rows:
         try:
             if len(cells) < len(header):
-                raise ValueError(f"{len(cells)} cells, but the header has {len(header)}")
+                raise ValueError(f"the row has {len(cells)} cells, but the header has {len(header)}")
             row = dict(zip(header, cells, strict=False))
             east, north, length, width, heading, height = (float(row[column]) for column in _COLUMNS)
             if not all(map(math.isfinite, (east, north, length, width, heading))) or min(length, width) <= 0.0:
-                raise ValueError("length_m and width_m must be above 0, and every value a finite number")
+                raise ValueError("length_m and width_m must be greater than 0, and all values must be finite numbers")
             corners = box_corners_m(east, north, length, width, heading)
             found.append(
                 Obstacle(height_m=height, rings_east_north_m=(corners,), name=row.get("name") or str(line - 2))
@@ -305,7 +306,7 @@ def read_kml_obstacles(path: Path, *, key: str) -> tuple[Obstacle, ...]:
     except OSError as error:
         raise ScenarioError(f"{key}: {path} cannot be read ({error.__class__.__name__})") from error
     if not found:
-        raise ScenarioError(f"{key}: {path}: the file has no polygon")
+        raise ScenarioError(f"{key}: {path}: the file contains no polygons")
     return tuple(found)
 
 
@@ -325,7 +326,7 @@ def _obstacle(polygon: ElementTree.Element, told_m: float | None, name: str) -> 
         text = next((each.text or "" for each in boundary.iter() if local_name(each) == "coordinates"), "")
         corners = [[number_in(part, f"{name}, coordinates") for part in place.split(",")] for place in text.split()]
         if any(len(corner) < 2 for corner in corners):
-            raise ScenarioError(f"{name}: a corner has no longitude,latitude")
+            raise ScenarioError(f"{name}: a corner has no longitude and latitude")
         rings.append(tuple((corner[0], corner[1]) for corner in corners))
         tops += [corner[2] for corner in corners if len(corner) > 2]
     if told_m is None:
@@ -346,6 +347,6 @@ def check_is_clear(key: str, scenario: Scenario, place_en: FloatArray, footprint
         distance_m = footprint.polygon.distance(shapely.Point(place_en))
         if distance_m < clearance_m:
             raise ScenarioError(
-                f"{key}: {distance_m:.1f} m from obstacle {footprint.name!r}, but obstacles.clearance_beside_m is "
-                f"{clearance_m:g} m; move the position"
+                f"{key}: the position is {distance_m:.1f} m from obstacle {footprint.name!r}, but "
+                f"obstacles.clearance_beside_m is {clearance_m:g} m; move the position"
             )

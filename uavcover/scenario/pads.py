@@ -45,8 +45,8 @@ def on_pads(site: Site) -> Site:
     spacing_m = least_m if fleet.pad_spacing_m is None else fleet.pad_spacing_m
     if spacing_m < least_m:
         raise ScenarioError(
-            f"fleet.pad_spacing_m: {spacing_m:g} is below separation_m + 2 path_error_m + 2 limits.max_home_error_m = "
-            f"{least_m:g}; use a larger value, lower max_home_error_m, or use 0 for one home"
+            f"fleet.pad_spacing_m: {spacing_m:g} is below separation_m + 2 path_error_m + 2 limits.max_home_error_m "
+            f"= {least_m:g}; increase it, lower max_home_error_m, or use 0 for a single home"
         )
     places, objection = [home[:2]], ""
     for place_en, axes in _candidates(site, home[:2], spacing_m + _ROUNDING_M):
@@ -62,9 +62,9 @@ def on_pads(site: Site) -> Site:
     homes = [scenario.home, *(_home_at(site, place_en) for place_en in places[1:])]
     if len(homes) < fleet.vehicles:
         raise ScenarioError(
-            f"fleet.vehicles: beside [home] there is room for {len(homes)} of {fleet.vehicles} pads, "
-            f"{spacing_m:g} m apart ({objection}); move [home], write a home for each [[vehicle]], or set "
-            "fleet.pad_spacing_m = 0: all take off from [home], one after the other"
+            f"fleet.vehicles: beside [home] there is room for only {len(homes)} of {fleet.vehicles} pads "
+            f"{spacing_m:g} m apart ({objection}); move [home], define a home for each [[vehicle]], or set "
+            "fleet.pad_spacing_m = 0, so that all take off from [home], one after the other"
         )
     # One link leads to one vehicle: those of the others are given with --to.
     link = scenario.vehicle.link
@@ -103,17 +103,17 @@ def _check_pad(site: Site, place_en: FloatArray) -> None:
     """
     scenario, fleet = site.scenario, site.scenario.fleet
     if not site.fence.covers(shapely.Point(place_en).buffer(fleet.path_error_m)):
-        raise ScenarioError("pad: outside limits.fence, or at its edge")
+        raise ScenarioError("a pad lies outside limits.fence, or at its edge")
     reach_m = max(fleet.path_error_m, 1.0)
     up_m, *around_m = site.bare_ground.heights_m(np.vstack([place_en, place_en + reach_m * _AROUND])).tolist()
     if not all(map(math.isfinite, (up_m, *around_m))):
-        raise ScenarioError(f"pad: no elevation ({site.bare_ground.source})")
+        raise ScenarioError(f"a pad has no elevation data ({site.bare_ground.source})")
     slope_deg = math.degrees(
         math.atan(math.hypot(around_m[0] - around_m[1], around_m[2] - around_m[3]) / (2.0 * reach_m))
     )
     if slope_deg > fleet.max_pad_slope_deg:
         raise ScenarioError(
-            f"pad: the ground slopes by {slope_deg:.0f} degrees, fleet.max_pad_slope_deg is {fleet.max_pad_slope_deg:g}"
+            f"the ground at a pad slopes by {slope_deg:.0f} degrees, but fleet.max_pad_slope_deg is {fleet.max_pad_slope_deg:g}"
         )
     check_is_clear("pad", scenario, place_en, [prism.footprint for prism in site.prisms])
     if site.ground_model is not None and isinstance(scenario.terrain, RasterTerrain):

@@ -63,13 +63,14 @@ def no_fly_mistakes(zones: Sequence[NoFly], *, on_earth: bool) -> list[str]:
         where = f"no_fly.{number}{f' ({zone.name})' if zone.name else ''}"
         if zone.is_geographic and not on_earth:
             found.append(
-                f"{where}: longitudes and latitudes need an [origin]; add it, or use polygon_east_north_m or center_east_north_m"
+                f"{where}: longitudes and latitudes require an [origin]; add it, or use polygon_east_north_m or "
+                "center_east_north_m"
             )
         for rings in zone.parts:
             outer, *holes = across_180(*rings) if zone.is_geographic else rings
             polygon = valid_ring(outer, where, found)
             if polygon is not None and not polygon.area > 0.0:
-                found.append(f"{where}: the ring has no area; draw it again")
+                found.append(f"{where}: the area of the ring is zero; draw it again")
             for hole_number, ring in enumerate(holes):
                 hole = valid_ring(ring, f"{where}: hole {hole_number}", found)
                 if polygon is not None and hole is not None and not polygon.covers(hole):
@@ -83,7 +84,7 @@ def prism_mistakes(prisms: Sequence[Obstacle], *, on_earth: bool) -> list[str]:
     for number, prism in enumerate(prisms):
         where = f"obstacles.prisms.{number} ({prism.name or 'no name'})"
         if prism.rings_lon_lat_deg and not on_earth:
-            found.append(f"{where}: longitudes and latitudes need an [origin]; add it, or use rings_east_north_m")
+            found.append(f"{where}: longitudes and latitudes require an [origin]; add it, or use rings_east_north_m")
         outer, *courts = [
             valid_ring(ring, where, found) for ring in prism.rings_lon_lat_deg or prism.rings_east_north_m
         ]
@@ -122,7 +123,7 @@ def area_mistakes(area: Outline, file_key: str | None, *, key: str = "area") -> 
                 found.append(f"{hole_key}{number}: the hole reaches outside the polygon")
             left = left.difference(hole)
         if outer is not None and len(found) == holes_end and not left.area > 0.0:
-            found.append(f"{outer_key}: nothing is left of the area inside its holes")
+            found.append(f"{outer_key}: the holes cover the whole area; remove some of them")
     return found
 
 
@@ -171,10 +172,10 @@ def with_rings(outline: _Given, folder: Path, *, key: str) -> _Given:
             for rings, _ in polygons_of(document)
         )
         if not parts:
-            raise ScenarioError(f"{key}.geojson: {path} has no polygon; at least one is needed")
+            raise ScenarioError(f"{key}.geojson: {path}: the file contains no polygons; at least one is required")
         return _of_parts(parts, outline)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
-        raise ScenarioError(f"{key}.geojson: {path}: the file is not a GeoJSON polygon ({error})") from error
+        raise ScenarioError(f"{key}.geojson: {path}: cannot read the file as GeoJSON polygons ({error})") from error
 
 
 def outline_mistakes(outline: Outline, folder: Path, *, key: str) -> list[str]:

@@ -116,7 +116,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     drawn = [zone for zone in scenario.no_fly if zone.file is None]
     mistakes += no_fly_mistakes(drawn, on_earth=on_earth)[:_MOST_MISTAKES]
     if not on_earth and len(drawn) < len(scenario.no_fly):
-        mistakes.append("no_fly: zones from a file need a position on Earth; add an [origin]")
+        mistakes.append("no_fly: zones from a file require a position on Earth; add an [origin]")
     if mistakes:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
     return dataclasses.replace(
@@ -274,7 +274,7 @@ def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any], *, launched: bool
                 elif "kind" in section:
                     message = f"{name}.kind: must be {names}, not {_shown(kind)}"
                 else:
-                    message = f"{name}.kind: the key is missing; use {names}"
+                    message = f"{name}.kind: the key is missing; set it to {names}"
             elif own == by_kind[kind]:
                 kinds = [cls for cls in classes if cls.__name__ == own]
                 message = _mistake(details, [*begin, *keys[len(begin) + 1 :]], kinds)
@@ -294,11 +294,11 @@ def _mistake(details: ErrorDetails, keys: list[str | int], classes: list[type]) 
         case "unexpected_keyword_argument":
             return f"{path}: unknown key{_suggestion(str(keys[-1]), classes[0] if len(keys) > 1 else Scenario)}"
         case "missing" | "missing_argument" if isinstance(keys[-1], int):
-            return f"{path}: a number is missing; a corner is a pair of numbers"
+            return f"{path}: a number is missing; write each corner as a pair of numbers"
         case "missing" | "missing_argument":
             return f"{path}: the key is missing"
         case "float_type" | "finite_number":
-            return f"{path}: must be a finite number, not {given} (the unit is the one in the name of the key)"
+            return f"{path}: must be a finite number, not {given} (the name of the key states the unit)"
         case "int_type" | "int_from_float":
             return f"{path}: must be a whole number, not {given}"
         case "string_type":
@@ -308,7 +308,7 @@ def _mistake(details: ErrorDetails, keys: list[str | int], classes: list[type]) 
         case "tuple_type":
             return f"{path}: must be a list, not {given}"
         case "too_long":
-            return f"{path}: a corner is a pair of numbers, not {given}"
+            return f"{path}: each corner must be a pair of numbers, not {given}"
         case "dataclass_type":
             return f"{path}: must be a table, not {given}"
         case "value_error":
@@ -336,11 +336,11 @@ def _suggestion(key: str, cls: type) -> str:
     if cls is Scenario:
         here[here.index("vehicles")] = LAUNCH_POINTS  # vehicles are written as [[vehicle]]
     if cls is not Scenario and key in {field.name for field in dataclasses.fields(Scenario)}:
-        return " (it belongs above the first [section])"
+        return " (write it above the first [section])"
     for section in dataclasses.fields(Scenario):
         if any(key == field.name for other in _section_classes(section.name) for field in dataclasses.fields(other)):
             another = cls in _section_classes(section.name)
-            return f" (of another kind of {section.name})" if another else f" (it belongs in [{section.name}])"
+            return f" (it is of another kind of {section.name})" if another else f" (it belongs in [{section.name}])"
     close = difflib.get_close_matches(key, here, n=1)
     return f" (did you mean {close[0]}?)" if close else f" (known: {', '.join(here)})"
 

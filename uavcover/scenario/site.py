@@ -235,7 +235,7 @@ def _frame(scenario: Scenario, terrain_file: Path | TerrainSource | None) -> Loc
     if not scenario.area.is_geographic or home is None or home.lat_deg is None or home.lon_deg is None:
         return None
     if not isinstance(scenario.terrain, RasterTerrain) or terrain_file is None:
-        raise ScenarioError("terrain: a geographic area needs raster terrain")
+        raise ScenarioError("terrain: an area in degrees requires raster terrain")
     alt = _read_home_height(terrain_file, scenario.terrain.vertical_datum, home.lat_deg, home.lon_deg)
     return LocalFrame(home.lat_deg, home.lon_deg, alt)
 
@@ -244,7 +244,7 @@ def _read_home_height(terrain_file: Path | TerrainSource, vertical_datum: str, l
     try:
         return read_height_amsl_m(terrain_file, vertical_datum, lat_deg=lat_deg, lon_deg=lon_deg)
     except TerrainError as error:
-        if "no elevation at" in str(error):
+        if "no elevation data at" in str(error):
             raise TerrainError(f"home: {error}; are latitude and longitude swapped?") from error
         raise
 
@@ -252,7 +252,7 @@ def _read_home_height(terrain_file: Path | TerrainSource, vertical_datum: str, l
 def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | shapely.MultiPolygon:
     left = polygons_in_metres(scenario.area, frame)
     if left.is_empty or not isinstance(left, shapely.Polygon | shapely.MultiPolygon):
-        raise ScenarioError("area: nothing is left of the polygon inside its holes")
+        raise ScenarioError("area: the holes cover the whole area; remove some of them")
     return _grown(left, scenario.area.margin_m) if scenario.area.margin_m > 0.0 else left
 
 
@@ -299,14 +299,14 @@ def _check_near(
         if not reach_m <= MAX_REACH_M:
             raise ScenarioError(
                 f"{key}: the position is {reach_m / 1000.0:.0f} km from the origin of the local frame; the limit is "
-                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates instead of local "
-                "ones?)"
+                f"{MAX_REACH_M / 1000.0:.0f} km (are longitude and latitude swapped, or are these map coordinates "
+                "instead of local ones?)"
             )
 
 
 def _polygon(lon_lat_deg: Ring, frame: LocalFrame | None) -> shapely.Polygon:
     if frame is None:
-        raise ScenarioError("area: a polygon in degrees needs a home or an origin")
+        raise ScenarioError("area: a polygon in degrees requires a home or an origin")
     return shapely.Polygon(frame.en_from_lon_lat(lon_lat_deg))
 
 
@@ -317,7 +317,7 @@ def _home_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray | None:
     if home.east_m is not None and home.north_m is not None:
         return np.array([home.east_m, home.north_m])
     if frame is None or home.lat_deg is None or home.lon_deg is None:
-        raise ScenarioError("home: lat_deg and lon_deg need an origin")
+        raise ScenarioError("home: lat_deg and lon_deg require an origin")
     return np.asarray(frame.enu_from_geodetic(home.lat_deg, home.lon_deg, frame.alt_amsl_m)[0, :2])
 
 
@@ -327,7 +327,7 @@ def rally_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray:
     if isinstance(given, str):
         return np.empty((0, 2))
     if frame is None:
-        raise ScenarioError("planner.rally: positions in degrees need a home or an origin")
+        raise ScenarioError("planner.rally: positions in degrees require a home or an origin")
     return frame.en_from_lon_lat(given)
 
 
@@ -351,7 +351,8 @@ def _fence(
         in_degrees = limits.fence_rings_lon_lat_deg
         if in_degrees and frame is None:
             raise ScenarioError(
-                f"limits.{key}: this needs a position on Earth; use {key.replace('lon_lat_deg', 'east_north_m')}"
+                f"limits.{key}: this key requires a position on Earth; add an [origin], or use "
+                f"{key.replace('lon_lat_deg', 'east_north_m')}"
             )
         in_metres = limits.fence_polygons_east_north_m or ()
         in_metres = (limits.fence_east_north_m,) if limits.fence_east_north_m is not None else in_metres
@@ -365,7 +366,7 @@ def _fence(
         if not isinstance(fence, shapely.Polygon):
             raise ScenarioError(
                 f"limits.{key}: the polygons form {len(shapely.get_parts(fence))} separate parts, and no vehicle can "
-                "fly between them; make them overlap"
+                "fly between them; make the polygons overlap"
             )
         return fence
     places = [area] if home_en is None else [area, shapely.Point(home_en)]
@@ -384,16 +385,16 @@ def _ground(
     if isinstance(terrain, SineCosineTerrain):
         return sine_cosine_ground(terrain.scale_m)
     if frame is None or terrain_file is None:
-        raise ScenarioError("terrain: raster terrain needs a position on Earth")
+        raise ScenarioError("terrain: raster terrain requires a position on Earth; add an [origin]")
     ground = read_ground(
         terrain_file, terrain.vertical_datum, frame=frame, bounds_m=_with_margin(bounds_m), grid_step_m=terrain.grid_step_m
     )  # fmt: skip
     margin_m = scenario.limits.height_margin_m
     if ground.error_m > max(FILES.max_error_m, margin_m):
         raise ScenarioError(
-            f"terrain.grid_step_m: a grid of {terrain.grid_step_m:g} m differs from the file's ground by up to "
-            f"{ground.error_m:.1f} m, but limits.height_margin_m is {margin_m:g} m: remove grid_step_m to use the "
-            f"pixels of the file, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
+            f"terrain.grid_step_m: a grid of {terrain.grid_step_m:g} m differs from the terrain in the file by up to "
+            f"{ground.error_m:.1f} m, but limits.height_margin_m is {margin_m:g} m; remove grid_step_m to use the "
+            f"file's pixels, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
         )
     return ground
 

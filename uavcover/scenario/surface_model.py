@@ -58,7 +58,7 @@ def with_surface_over(scenario: Scenario, frame: LocalFrame, bounds_m: Bounds, b
     margin_m = scenario.limits.height_margin_m
     if ground.error_m > max(FILES.max_error_m, margin_m):
         raise ScenarioError(
-            "terrain.surface_file: between the pixels of the finer model the other model is up to "
+            "terrain.surface_file: between the pixels of the finer model, the other model is up to "
             f"{ground.error_m:.1f} m higher, but limits.height_margin_m is {margin_m:g} m; set it to at least "
             f"{ground.error_m + 0.05:.1f}"
         )
@@ -84,8 +84,9 @@ def check_home_is_open(terrain: RasterTerrain, ground: Ground, home_en: FloatArr
         raise TerrainError(f"home: the surface model has no height at the take-off position ({ground.source})")
     if above_m > terrain.surface_hides_m:
         raise ScenarioError(
-            f"home: the surface is {above_m:.1f} m above the ground there (trees, a roof, or surface_file has another vertical "
-            f"datum), more than terrain.surface_hides_m = {terrain.surface_hides_m:g}; take off from open ground"
+            f"home: the surface there is {above_m:.1f} m above the ground, but terrain.surface_hides_m is "
+            f"{terrain.surface_hides_m:g} (there are trees or a roof, or surface_file has another vertical datum); "
+            "take off from open ground"
         )
 
 
@@ -185,7 +186,7 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
     if known.sum() < 100:
         raise TerrainError(
             f"terrain.surface_file: {surface} and terrain.file do not overlap around the area; use a surface model "
-            "of that location"
+            "of the same location"
         )
     ground_m, surface_m = ground_amsl_m[known], surface_amsl_m[known]
     difference = surface_m - ground_m
@@ -193,15 +194,15 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
     if farthest >= -_NOISE_M and nearest <= _NEVER_NEARER_M:
         return
     side = "under" if usual < 0.0 else "above"
-    where = f"terrain.surface_file: {surface} lies {abs(usual):.1f} m {side} the ground of terrain.file"
+    where = f"terrain.surface_file: {surface} lies {abs(usual):.1f} m {side} the ground in terrain.file"
     ratio = float(np.median(surface_m / np.where(np.abs(ground_m) < _SAME_M, _SAME_M, ground_m)))
     if abs(ratio * _FOOT_M - 1.0) < _LIKE_FEET or abs(ratio / _FOOT_M - 1.0) < _LIKE_FEET:
         which, key = ("surface", "surface_height_unit") if ratio > 1.0 else ("ground", "height_unit")
         raise TerrainError(
-            f'{where}, {ratio:.2f} times as high: the {which} seems to be in feet; set terrain.{key} to "ft"'
+            f'{where}, at {ratio:.2f} times its height; the {which} seems to be in feet; set terrain.{key} to "ft"'
         )
     raise TerrainError(
-        f"{where} ({nearest:.1f} to {farthest:.1f} m at 98 % of nodes): their vertical datums or units seem to "
+        f"{where} ({nearest:.1f} to {farthest:.1f} m at 98 % of the nodes); their vertical datums or units seem to "
         "differ; set terrain.surface_vertical_datum or surface_height_unit"
     )
 
@@ -220,7 +221,7 @@ def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl
     """
     if ground.sha256 and ground.sha256 == surface.sha256:
         raise TerrainError(
-            "terrain.surface_file: this is the same file as terrain.file; use the file with trees and roofs, or omit it"
+            "terrain.surface_file: this is the same file as terrain.file; use the file with trees and roofs, or remove this key"
         )
     places = _scattered(bounds_m)
     ground_m, surface_m = ground.heights_m(places), surface.heights_m(places)
@@ -235,13 +236,13 @@ def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl
     lowest_m = -float(difference.min())
     if share > _MOST_BELOW or (share > _SOME_BELOW and mostly_below):
         raise TerrainError(
-            f"terrain.surface_file: {surface.source} lies under the ground of terrain.file at {100.0 * share:.0f} % "
-            f"of nodes, by up to {lowest_m:.1f} m; check that the two are not swapped (file is the ground, "
-            "surface_file includes what stands on it), and that location and datum agree"
+            f"terrain.surface_file: {surface.source} lies below the ground in terrain.file at {100.0 * share:.0f} % "
+            f"of the nodes, by up to {lowest_m:.1f} m; check that the files are not swapped (file: the ground; "
+            "surface_file: the surface with trees and roofs), and that location and datum agree"
         )
     if share > _FEW_BELOW and mostly_below:
         _log.warning(
-            "terrain.surface_file: %s lies under the ground of terrain.file at %.2f %% of nodes, by up to %.1f m, "
-            "and above it less often: check that the two are not swapped; flights stay above both",
+            "terrain.surface_file: %s lies below the ground in terrain.file at %.2f %% of the nodes, by up to %.1f "
+            "m, and above it less often; check that the files are not swapped; flights stay above both",
             surface.source, 100.0 * share, lowest_m,
         )  # fmt: skip

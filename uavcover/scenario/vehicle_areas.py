@@ -116,8 +116,8 @@ def own_parts(site: Site) -> OwnParts:
             both = part.intersection(before)
             if other < number and _is_wide(both):
                 raise ScenarioError(
-                    f"vehicle.{other - 1}.area and vehicle.{number - 1}.area: overlap by {both.area:.0f} square "
-                    "metres; move a border so that each part of the ground belongs to one vehicle"
+                    f"vehicle.{other - 1}.area and vehicle.{number - 1}.area: these areas overlap by {both.area:.0f} "
+                    "square metres; move a border so that each part of [area] belongs to one vehicle"
                 )
         parts[number] = part.difference(taken)
         taken = taken.union(part)
@@ -144,20 +144,19 @@ def _inside(site: Site, number: int, drawn: Piece) -> Any:
     if outline is None:
         raise ScenarioError(f"vehicle.{number - 1}.area: the key is missing")
     if outline.is_geographic and site.frame is None:
-        raise ScenarioError(f"vehicle.{number - 1}.area: a polygon in degrees needs a home or an origin")
+        raise ScenarioError(f"vehicle.{number - 1}.area: a polygon in degrees requires a home or an origin")
     part = polygons_in_metres(outline, site.frame)
     # The holes of the area need not be drawn into a part again.
     solid = shapely.union_all([shapely.Polygon(piece.exterior) for piece in shapely.get_parts(drawn)])
     outside = part.difference(solid)
     if not part.intersects(drawn):
         raise ScenarioError(
-            f"vehicle.{number - 1}.area: this area lies outside [area], {part.distance(drawn):.0f} m from it; draw a "
-            "part of [area]"
+            f"vehicle.{number - 1}.area: this area lies outside [area], {part.distance(drawn):.0f} m away; move it"
         )
     if _is_wide(outside):
         raise ScenarioError(
-            f"vehicle.{number - 1}.area: {outside.area:.0f} of its {part.area:.0f} square metres lie outside [area]; "
-            "draw it inside [area], or enlarge [area]"
+            f"vehicle.{number - 1}.area: {outside.area:.0f} of the {part.area:.0f} square metres lie outside [area]; "
+            "draw this area inside [area], or enlarge [area]"
         )
     inside = part.intersection(drawn)
     if not _is_wide(inside):
@@ -175,15 +174,12 @@ def _is_wide(shape: Any) -> bool:
 def _check_rest(scenario: Scenario, rest: Piece) -> None:
     others = [number for number, vehicle in enumerate(scenario.vehicles) if vehicle.area is None]
     if others and rest.is_empty:
-        raise ScenarioError(
-            f"vehicle.{others[0]}: the other vehicles cover the whole [area], and no area is left for this vehicle; "
-            "assign it an area, or remove it"
-        )
+        raise ScenarioError(f"vehicle.{others[0]}: the others cover the whole [area]; assign it an area, or remove it")
     if not others and not rest.is_empty:
         raise ScenarioError(
-            f"vehicle.0.area to vehicle.{len(scenario.vehicles) - 1}.area: {rest.area:.0f} square metres of [area] "
-            "belong to no vehicle; enlarge a part, make [area] smaller, or omit the area of one vehicle, which then "
-            "covers the remaining ground"
+            f"vehicle.0.area to vehicle.{len(scenario.vehicles) - 1}.area: no vehicle covers {rest.area:.0f} square "
+            "metres of [area]; enlarge a part, make [area] smaller, or remove the area of one vehicle, which then "
+            "covers the rest"
         )
 
 

@@ -144,7 +144,7 @@ def make_targets(site: Site, _cell_size_m: float, *, rows: range | None = None) 
         lattice[at], free[at], scatter2 = number, np.inf, max(scatter2, float(apart2[at]))
     centre = np.column_stack([targets, site.ground.heights_m(targets)])
     if not np.isfinite(centre).all():
-        raise TerrainError("targets: some of them have no elevation; the targets reach outside the data")
+        raise TerrainError("targets: some targets have no elevation; use elevation data that covers all of them")
     normal = np.tile([0.0, 0.0, 1.0], (len(targets), 1))
     arrays = lattice, centre, normal, np.zeros(len(targets)), np.ones(len(targets))
     for array in arrays:
@@ -195,7 +195,7 @@ def _cut(
     if len(wanted) * columns > MAX_CELLS:
         raise ScenarioError(
             f"area.cell_size_m: {cell_size_m:g} m divides {east - west:.0f} x {north - south:.0f} m into "
-            f"{all_rows * columns:,} cells; the limit is {MAX_CELLS:,}; use larger cells (metres, not degrees)"
+            f"{all_rows * columns:,} cells, but the limit is {MAX_CELLS:,}; use larger cells (in metres, not degrees)"
         )
     east0_m, north0_m = float(west + 0.5 * cell_size_m), float(south + (wanted.start + 0.5) * cell_size_m)
     e = west + (np.arange(columns) + 0.5) * cell_size_m
@@ -207,13 +207,13 @@ def _cut(
         grid_n += cell_size_m * spread(columns, steps[1])
     inside = np.asarray(shapely.contains_xy(site.area, grid_e, grid_n))
     if rows is None and not inside.any():
-        raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
+        raise ScenarioError(f"area.cell_size_m: no {cell_size_m:g} m cell is centred in the area; use smaller cells")
     inside, hidden_m2 = _without_hidden(site, grid_e, grid_n, inside, cell_size_m, rows)
     if rows is None and not inside.any():
         raise ScenarioError(
-            f"terrain.surface_file: all ground of the area lies more than surface_hides_m = {_hides_m(site):g} m "
-            "under the surface and cannot be observed from the air; to observe the tree tops, use the surface model "
-            "as terrain.file"
+            f"terrain.surface_file: all ground in the area lies more than surface_hides_m = {_hides_m(site):g} m "
+            "below the surface and cannot be observed from the air; for the tree tops, use the surface model as "
+            "terrain.file"
         )
     index = np.full(inside.shape, -1, dtype=np.int32)
     index[inside] = np.arange(int(inside.sum()), dtype=np.int32)
@@ -312,7 +312,7 @@ def _missing(
         f"{100.0 * missing.mean():.1f} % of its cells" if rows is None else f"{missing.sum():,} of its cells at least"
     )
     return (
-        f"area: there is no elevation in {much}, first at {where} ({model.source}); the area reaches outside the "
+        f"area: there is no elevation data in {much}, first at {where} ({model.source}); the area extends beyond the "
         "data, or the data has a gap there"
     )
 

@@ -87,8 +87,8 @@ def overlap_rule(sensor: Sensor) -> str | None:
     forward, side = sensor.forward_overlap or 0.0, sensor.side_overlap
     lines = math.floor(1.0 / (1.0 - side) + _ROUNDING)
     words = (
-        f"{100.0 * forward:g} % forward puts a point in at least {asked // lines} photos of a swath",
-        f"{100.0 * side:g} % side in at least {lines} swaths",
+        f"{100.0 * forward:g} % forward: a point is in at least {asked // lines} photos of a swath",
+        f"{100.0 * side:g} % side: a point is in at least {lines} swaths",
     )
     return f"{', '.join(words)}: {asked // lines} x {lines} = {asked} photos"
 
@@ -196,7 +196,7 @@ def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) ->
         return None
     return (
         f"the required overlap, {pictures.asked} photos of every point, is achieved on "
-        f"{percent_beside(found, wanted)} of the area, below the required {100.0 * wanted:.2f} %"
+        f"{percent_beside(found, wanted)} of the area, which is below the required {100.0 * wanted:.2f} %"
     )
 
 

@@ -108,8 +108,8 @@ def sample_spacing_m(scenario: Scenario) -> float:
         return min(LONGEST_SPACING_M, reach_m / 3.0)
     if stated > reach_m and sensor.looks_along_path and trigger_distance_m(scenario) is None:
         raise ScenarioError(
-            f"sensor.sample_spacing_m: {stated:g} m between observations leaves gaps because the sensor observes "
-            f"{reach_m:.3g} m to each side; omit it, or use at most {math.floor(100.0 * reach_m) / 100.0:g}"
+            f"sensor.sample_spacing_m: {stated:g} m between observations leaves gaps, because the sensor observes only "
+            f"{reach_m:.3g} m to each side; remove this key, or use at most {math.floor(100.0 * reach_m) / 100.0:g}"
         )
     return stated
 

@@ -136,9 +136,9 @@ class _Raster:
         if wrong.any():
             row, column = np.argwhere(wrong)[0] + (window.row_off, window.col_off)
             raise TerrainError(
-                f"{self.path}: a height of {pixels[wrong][0]:g} m in row {row}, column {column}; if that value "
+                f"{self.path}: the height in row {row}, column {column} is {pixels[wrong][0]:g} m; if this value "
                 "marks missing data, declare it as the no-data value of the file (gdal_edit.py -a_nodata); "
-                'if heights are in feet or centimetres, set terrain.height_unit (--height-unit) to "ft" or "cm"'
+                'if the heights are in feet or centimetres, set terrain.height_unit (--height-unit) to "ft" or "cm"'
             )
         return pixels
 
@@ -160,7 +160,7 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
     path = as_source(source)
     if vertical_datum not in DATUMS:
         known = f"use {', '.join(DATUMS)}, or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
-        raise TerrainError(f"terrain.vertical_datum: {vertical_datum!r} is not known; {known}")
+        raise TerrainError(f"terrain.vertical_datum: unknown datum {vertical_datum!r}; {known}")
     undulation = Undulation() if vertical_datum == ELLIPSOID else None
     with _readable(path), path.opened() as dataset:
         if dataset.crs is None:
@@ -177,7 +177,7 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
             reason = str(error).strip().splitlines()[0]
             raise TerrainError(
                 f"{path}: positions cannot be converted to the file's coordinate reference system ({reason}); assign "
-                "a known one or convert the file (gdalwarp -t_srs EPSG:4326)"
+                "a known system, or convert the file (gdalwarp -t_srs EPSG:4326)"
             ) from error
         band = path.band_of(dataset)
         stated, asked = dataset.units[band - 1], path.height_unit
@@ -190,7 +190,7 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
         turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
         if dataset.count >= 3 and set(dataset.dtypes[:3]) == {"uint8"}:
             raise TerrainError(
-                f"{path}: the file is an image ({dataset.count} bands of 8 bits), not an elevation model; use an elevation model"
+                f"{path}: the file is an image ({dataset.count} bands of 8 bits), not elevation data; use a file with heights"
             )
         yield _Raster(path, dataset, to_source, vertical_datum, turn, unit_m, band, undulation)
 
@@ -201,13 +201,13 @@ def _check_pixel_size(path: TerrainSource, crs: CRS, dataset: Any) -> None:
     top = float(np.abs(_corners(dataset)[1]).max())
     if crs.is_projected and min(width, height) * crs.axis_info[0].unit_conversion_factor < 0.01:
         raise TerrainError(
-            f"{path}: the file has pixels of {width:g} x {height:g} in a projected system ({crs.name}): these seem "
-            "to be degrees instead of metres; assign the correct coordinate reference system (gdal_edit.py -a_srs "
-            "EPSG:4326)"
+            f"{path}: the file has pixels of {width:g} x {height:g} in a projected system ({crs.name}), which seem "
+            "to be in degrees instead of metres; assign the correct coordinate reference system (gdal_edit.py "
+            "-a_srs EPSG:4326)"
         )
     if crs.is_geographic and (top > 90.5 or width > 10.0):
         raise TerrainError(
-            f"{path}: the file reaches latitude {top:g} with pixels of {width:g} degrees: these seem to be metres "
+            f"{path}: the file reaches latitude {top:g} with pixels of {width:g} degrees, which seem to be in metres "
             "instead of degrees; assign the correct coordinate reference system (gdal_edit.py -a_srs)"
         )
 
@@ -221,7 +221,7 @@ def read_height_amsl_m(path: Path | TerrainSource, vertical_datum: str, *, lat_d
     with open_raster(path, vertical_datum) as raster:
         height = float(raster.sample_m(np.array([lat_deg]), np.array([lon_deg]))[0])
         if not np.isfinite(height):
-            raise TerrainError(f"{path}: there is no elevation at {lat_deg}, {lon_deg} ({_extent(raster)})")
+            raise TerrainError(f"{path}: there is no elevation data at {lat_deg}, {lon_deg} ({_extent(raster)})")
         return height
 
 
@@ -262,9 +262,9 @@ def read_ground(
         error_m = measure_error_m(ground, raster, frame, bounds_m)
     if grid_step_m is None and error_m > FILES.max_error_m:
         raise TerrainError(
-            f"{path}: in the local frame, its heights are wrong by up to {error_m:.2f} m; the limit is "
+            f"{path}: in the local frame, the heights are wrong by up to {error_m:.2f} m, but the limit is "
             f"{FILES.max_error_m:g} m; use a smaller area, or convert the file to a projection for this location "
-            "(gdalwarp -t_srs, the UTM zone)"
+            "(gdalwarp -t_srs, with the UTM zone)"
         )
     return dataclasses.replace(ground, error_m=error_m)
 
@@ -423,4 +423,4 @@ def _corners(dataset: Any) -> tuple[FloatArray, FloatArray]:
 
 def _extent(raster: _Raster) -> str:
     lon, lat = raster.to_source.transform(*_corners(raster.dataset), direction="INVERSE")
-    return f"data from {min(lat):.4f}, {min(lon):.4f} to {max(lat):.4f}, {max(lon):.4f}"
+    return f"the data extends from {min(lat):.4f}, {min(lon):.4f} to {max(lat):.4f}, {max(lon):.4f}"

@@ -45,11 +45,11 @@ def trust_asked_for(
         return False
     for one in found[: FILES.most_suspects]:
         user.warn(f"{source.name} has {one.words}")
-    if user.agrees("check that the ground has this shape"):
+    if user.agrees("check that the terrain has this shape"):
         return True
     more = f" and {len(found) - 1} more of this kind" if len(found) > 1 else ""
     raise InputError(
-        f"{source}: the data contain {found[0].words}{more}; use other data, or mark the missing heights "
+        f"{source}: the data contains {found[0].words}{more}; use other data, or mark the missing heights "
         "(gdal_edit.py -a_nodata); if the heights are correct, use --trust-dem (terrain.trust_heights = true)"
     )
 

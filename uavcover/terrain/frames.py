@@ -26,11 +26,9 @@ class LocalFrame:
 
     def __post_init__(self) -> None:
         if not (-90.0 <= self.lat_deg <= 90.0):
-            raise InputError(
-                f"origin: latitude {self.lat_deg} is outside -90..90 (are latitude and longitude swapped?)"
-            )
+            raise InputError(f"origin: latitude {self.lat_deg} is outside -90 to 90 (swapped with longitude?)")
         if not (-180.0 <= self.lon_deg <= 180.0):
-            raise InputError(f"origin: longitude {self.lon_deg} is outside -180..180")
+            raise InputError(f"origin: longitude must be between -180 and 180, not {self.lon_deg}")
         if not np.isfinite(self.alt_amsl_m):
             raise InputError("origin: the height above sea level is not a finite number")
 

@@ -44,7 +44,7 @@ def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level
     lat, lon, _ = frame.geodetic_from_enu(np.column_stack([middle + scale * unit, np.full(len(unit), level_up_m)]))
     pixels = to_pixels(lat, lon)
     if not np.isfinite(pixels).all():
-        raise TerrainError("its coordinate system does not reach all of the scenario's area")
+        raise TerrainError("its coordinate system does not cover all of the scenario's area")
     terms = np.ascontiguousarray(np.linalg.lstsq(_cubic(unit), pixels, rcond=None)[0].T)
     terms.flags.writeable = False
     lean_per_m = 1.0 / (MEAN_RADIUS_M + frame.alt_amsl_m)

@@ -56,7 +56,7 @@ class SuspectPixels:
             )
         if self.kind == "spike":
             return f"a spike of {self.value_m:.0f} m in ground of {self.rim_m:.0f} m"
-        return f"a straight step of {self.value_m:.1f} m over {max(tall_m, wide_m):.0f} m, as between tiles that do not match"
+        return f"a straight step of {self.value_m:.1f} m over {max(tall_m, wide_m):.0f} m, as between mismatched tiles"
 
 
 def suspect_pixels(heights_m: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:

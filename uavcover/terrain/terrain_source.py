@@ -60,7 +60,7 @@ def gdal_name(file: Path) -> str:
         _check_gzip(file, stat.st_size, stat.st_mtime_ns)
         return f"/vsigzip/{file.resolve()}"
     if name.endswith(_OTHER_ARCHIVES):
-        raise TerrainError(f"{file}: the file is packed ({file.suffix}); unpack it and specify the raster")
+        raise TerrainError(f"{file}: the file is compressed ({file.suffix}); unpack it and specify the raster")
     return str(file)
 
 
@@ -69,11 +69,12 @@ def _inside_zip(file: Path) -> str:
         with zipfile.ZipFile(file) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, OSError) as error:
-        raise TerrainError(f"{file}: the file cannot be opened as a zip file ({error}); unpack it") from error
+        raise TerrainError(f"{file}: cannot open the file as a zip archive ({error}); unpack it yourself") from error
     rasters = [entry for entry in entries if entry.filename.lower().endswith(RASTERS)]
     if len(entries) > MAX_ZIP_ENTRIES or len(rasters) != 1:
         raise TerrainError(
-            f"{file}: the archive contains {len(rasters)} elevation files in {len(entries)} entries instead of one; unpack it"
+            f"{file}: the archive must contain one elevation file, but {len(rasters)} of its {len(entries)} entries "
+            "are elevation files; unpack it yourself"
         )
     (entry,) = rasters
     ratio = entry.file_size / max(entry.compress_size, 1)
@@ -254,7 +255,8 @@ def find_tiles(
             continue
         if not tiles:
             raise TerrainError(
-                f"{key}: {name} contains no tile ({', '.join(RASTERS)}, .zip, .gz); use files, a folder or a pattern with tiles"
+                f"{key}: {name} contains no tiles ({', '.join(RASTERS)}, .zip, .gz); use files, a folder or a "
+                "pattern with tiles"
             )
         found += tiles
     found = list(dict.fromkeys(found))
@@ -365,7 +367,7 @@ def _wkt(crs: str) -> str:
         return str(CRS.from_user_input(crs).to_wkt())
     except CRSError:
         raise TerrainError(
-            f"terrain.crs: {crs!r} is not a coordinate system; specify it (--dem-crs) as, for example, EPSG:32632"
+            f"terrain.crs: unknown coordinate system {crs!r}; specify it (--dem-crs) as, for example, EPSG:32632"
         ) from None
 
 

@@ -36,8 +36,8 @@ class Undulation:
         if not group.transformers or not group.best_available:
             grids = [grid.short_name for operation in group.unavailable_operations for grid in operation.grids]
             raise TerrainError(
-                f'terrain.vertical_datum: heights above the ellipsoid ("{ELLIPSOID}") need the geoid grid '
-                f"{grids[0] if grids else 'of EGM96'}, which PROJ does not have here; download it (projsync --file "
+                f'terrain.vertical_datum: heights above the ellipsoid ("{ELLIPSOID}") require the geoid grid '
+                f"{grids[0] if grids else 'of EGM96'}, which PROJ does not have on this machine; download it (projsync --file "
                 f"{grids[0] if grids else 'us_nga_egm96_15.tif'}), or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
             )
         self._to_sea_level = group.transformers[0]
@@ -51,9 +51,7 @@ class Undulation:
         try:
             _, _, above = self._to_sea_level.transform(lon_deg, lat_deg, np.zeros(np.shape(lat_deg)), errcheck=True)
         except ProjError as error:
-            raise TerrainError(
-                f"terrain.vertical_datum: the geoid grid does not reach the elevation data ({error})"
-            ) from error
+            raise TerrainError(f"terrain.vertical_datum: no geoid grid covers the elevation data ({error})") from error
         return -np.asarray(above, dtype=float)
 
 
@@ -61,9 +59,7 @@ def datum_named(text: str) -> str:
     """One of ``DATUMS`` as the user writes it. Raises InputError: there is none of that name."""
     known = {datum.casefold(): datum for datum in DATUMS} | {"ellipsoid": ELLIPSOID}
     if text.casefold() not in known:
-        raise InputError(
-            f"--vertical-datum: {text!r} is not known; use EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"
-        )
+        raise InputError(f"--vertical-datum: must be EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid, not {text!r}")
     return known[text.casefold()]
 
 
@@ -76,7 +72,7 @@ def refuse_feet_by_guess(path: TerrainSource, horizontal: CRS) -> None:
     axis = horizontal.axis_info[0]
     if 0.3 < axis.unit_conversion_factor < 0.31:
         raise TerrainError(
-            f"{path}: its coordinate system {horizontal.name} is in feet, but the file does not state the unit of its heights; "
+            f"{path}: the coordinate system {horizontal.name} is in feet, but the file does not state the unit of its heights; "
             'set terrain.height_unit (--height-unit) to "ft", "us-ft" or "m"'
         )
 
@@ -95,7 +91,7 @@ def unit_of_heights_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: 
     """
     unit_m = _UNITS_M.get((unit or "m").lower().strip())
     if unit_m is None:
-        raise TerrainError(f"{path}: heights are in {unit!r}; convert them to metres first")
+        raise TerrainError(f"{path}: the heights are in {unit!r}; convert them to metres first")
     if crs.is_compound:
         vertical = crs.sub_crs_list[1]
         words = f"{vertical.name} {vertical.to_authority()}".lower()
@@ -104,7 +100,8 @@ def unit_of_heights_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: 
         axis = vertical.axis_info[0]
         if unit and abs(axis.unit_conversion_factor / unit_m - 1.0) > 1e-3:
             raise TerrainError(
-                f"{path}: heights are in {unit!r} and in {axis.unit_name!r}; convert them to metres first"
+                f"{path}: the file states both {unit!r} and {axis.unit_name!r} as the unit of its heights; convert "
+                "them to metres first"
             )
         unit_m = float(axis.unit_conversion_factor)
     elif len(crs.axis_info) == 3 and vertical_datum != ELLIPSOID:
@@ -114,7 +111,6 @@ def unit_of_heights_m(path: TerrainSource, crs: CRS, vertical_datum: str, unit: 
 
 def _contradiction(path: TerrainSource, vertical_datum: str, found: str) -> TerrainError:
     return TerrainError(
-        f"terrain.vertical_datum: the scenario says {vertical_datum}, but the file says {found} ({path}); correct "
-        "the scenario, or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for "
-        "EGM2008)"
+        f"terrain.vertical_datum: the scenario says {vertical_datum}, but the file says {found} ({path}); correct the "
+        "scenario, or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for EGM2008)"
     )

@@ -144,7 +144,7 @@ def zones_of(tmp_path, periods, *, standard="ED-269"):
 def test_the_files_own_times(tmp_path, standard, periods, expected, noted):
     (zone,), notes = zones_of(tmp_path, periods, standard=standard)
     assert (zone.from_utc, zone.until_utc, zone.active) == expected
-    assert any("they are active all day" in note for note in notes) == noted
+    assert any("treated as active all day" in note for note in notes) == noted
 
 
 def test_times_of_geojson_and_openair(tmp_path):

@@ -39,58 +39,58 @@ def kml(coordinates):
 
 _SECTION = "a\n1\n 8.0 46.5\n 8.02 46.5\n 8.02 46.52\n"
 TEXTS = {
-    "curves": ("a.wkt", "CURVEPOLYGON (CIRCULARSTRING (0 0, 1 1, 2 0, 1 -1, 0 0))", "has curves, which are not supported"),
-    "osmosis cut off": ("a.poly", _SECTION.replace("a\n", "END\n", 1), "line 5: the last section has no END; download the"),
+    "curves": ("a.wkt", "CURVEPOLYGON (CIRCULARSTRING (0 0, 1 1, 2 0, 1 -1, 0 0))", "curves are not supported"),
+    "osmosis cut off": ("a.poly", _SECTION.replace("a\n", "END\n", 1), "line 5: the last section lacks END; download the"),
     "osmosis of two places": ("a.poly", "a\n1\n 8.0 46.5\n 8.1 46.5\nEND\nEND", "line 5: the section has 2 positions; an"),
-    "osmosis swapped": ("a.poly", _SECTION.replace("46.5\n", "146.5\n") + "END\nEND", "line 3: '8.0 146.5' is not a position; "),
-    "osmosis nan": ("a.poly", _SECTION + " nan 46.5\nEND\nEND", "line 6: 'nan 46.5' is not a position; write longitude"),
+    "osmosis swapped": ("a.poly", _SECTION.replace("46.5\n", "146.5\n") + "END\nEND", "'8.0 146.5' is not a valid position"),
+    "osmosis nan": ("a.poly", _SECTION + " nan 46.5\nEND\nEND", "line 6: 'nan 46.5' is not a valid position; write longitude"),
     "osmosis hole outside": (
-        "a.poly", _SECTION + "END\n!2\n 9 46\n 9 47\n 10 47\nEND\nEND", "line 7: the hole does not lie in a polygon; remove it"),
-    "osmosis of nothing": ("a.poly", "a\nEND\n", "has no polygon"),
+        "a.poly", _SECTION + "END\n!2\n 9 46\n 9 47\n 10 47\nEND\nEND", "line 7: the hole does not lie inside a polygon"),
+    "osmosis of nothing": ("a.poly", "a\nEND\n", "contains no polygons"),
     "empty": ("a.geojson", "", "the file is empty"),
-    "no JSON": ("a.geojson", "{", "not JSON"),
+    "no JSON": ("a.geojson", "{", "cannot read the file as JSON"),
     "nested too deeply": ("a.geojson", "[" * 100_000, "nested too deeply"),
     "no type": ("a.geojson", '{"rings": []}', "document.type: the key is missing"),
-    "a number that is none": ("a.geojson", polygon([[1.0, "a"], [2, 2], [3, 3]]), "is not a number"),
-    "NaN": ("a.geojson", polygon(RING).replace("46.52", "NaN", 1), "cannot be read"),
+    "a number that is none": ("a.geojson", polygon([[1.0, "a"], [2, 2], [3, 3]]), "expected a number"),
+    "NaN": ("a.geojson", polygon(RING).replace("46.52", "NaN", 1), "cannot read"),
     "one number": ("a.geojson", polygon([[1.0], [2.0, 1.0], [3.0, 1.0]]), "position has 1 numbers"),
-    "only a line": ("a.geojson", json.dumps({"type": "LineString", "coordinates": RING}), "has no polygon (it has 1 LineString)"),
-    "no features": ("a.geojson", '{"type": "FeatureCollection", "features": []}', "has no polygon"),
+    "only a line": ("a.geojson", json.dumps({"type": "LineString", "coordinates": RING}), "no polygons (only 1 LineString)"),
+    "no features": ("a.geojson", '{"type": "FeatureCollection", "features": []}', "contains no polygons"),
     "no ring": ("a.geojson", polygon(), "the polygon has no ring"),
     "crosses itself": (
         "a.geojson", named(BOW_TIE), "a.geojson, feature 1 (north): the outline crosses itself at longitude 8.010000, latitude "
         "46.510000; correct it there, or use --make-valid",
     ),
     "not closed": ("a.geojson", named(RING[:-1]), "feature 1 (north): the ring is not closed: it ends at (8, 46.52)"),
-    "two corners": ("a.geojson", named([RING[0], RING[1], RING[0]]), "has 2 different corners; an area needs"),
+    "two corners": ("a.geojson", named([RING[0], RING[1], RING[0]]), "has 2 different corners, but needs"),
     "on one line": ("a.geojson", named([[8.0, 46.0], [8.1, 46.1], [8.2, 46.2], [8.0, 46.0]]), "the area is zero"),
     "a hole outside": ("a.geojson", named(HOLE, RING), "a hole lies outside"),
     "swapped beyond 90": (
-        "a.geojson", named([[36.4, -121.0], [36.5, -121.0], [36.5, -121.1], [36.4, -121.0]]), "first (or use --swap-axes)",
+        "a.geojson", named([[36.4, -121.0], [36.5, -121.0], [36.5, -121.1], [36.4, -121.0]]), "first, or use --swap-axes",
     ),
     "metres as degrees": (
         "a.geojson", named([[5e5, 5e6], [5.1e5, 5e6], [5.1e5, 5.1e6], [5e5, 5e6]]), "coordinate system with --crs",
     ),
     "tiny": ("a.geojson", named([[8.0, 46.0], [8.000001, 46.0], [8.000001, 46.000001], [8.0, 46.0]]), "square metres"),
-    "unknown system": ("a.geojson", named(RING, crs={"type": "name", "properties": {"name": "EPSG:1"}}), "is not known"),
+    "unknown system": ("a.geojson", named(RING, crs={"type": "name", "properties": {"name": "EPSG:1"}}), "unknown CRS"),
     "round a pole": (
         "a.geojson", named([[0.0, 85.0], [90.0, 85.0], [180.0, 85.0], [-90.0, 85.0], [0.0, 85.0]]), "contains a pole",
     ),
-    "not XML": ("a.kml", "not xml", "not XML"),
-    "entities": ("a.kml", '<!DOCTYPE kml [<!ENTITY a "b">]><kml/>', "a document type"),
-    "external entities": ("a.kml", '<!DOCTYPE kml [<!ENTITY a SYSTEM "file:///etc/passwd">]><kml>&a;</kml>', "a document type"),
-    "KML swapped": ("a.kml", kml("36.4,-121,0 36.5,-121,0 36.5,-121.1,0 36.4,-121,0"), "longitude comes first"),
+    "not XML": ("a.kml", "not xml", "invalid XML"),
+    "entities": ("a.kml", '<!DOCTYPE kml [<!ENTITY a "b">]><kml/>', "document types"),
+    "external entities": ("a.kml", '<!DOCTYPE kml [<!ENTITY a SYSTEM "file:///etc/passwd">]><kml>&a;</kml>', "document types"),
+    "KML swapped": ("a.kml", kml("36.4,-121,0 36.5,-121,0 36.5,-121.1,0 36.4,-121,0"), "write longitude first"),
     "KML not closed": ("a.kml", kml("8,46.5 8.02,46.5 8.02,46.52"), "the ring was not closed; repeat its first corner"),
-    "a path": ("a.kml", "<kml><LineString><coordinates>8,46 9,46</coordinates></LineString></kml>", "(it has 1 line)"),
-    "a link": ("a.kml", "<kml><NetworkLink><Link><href>http://a/b.kml</href></Link></NetworkLink></kml>", "is not downloaded"),
-    "WKT that is none": ("a.wkt", "POLYGON ((8 46, 8.1", "not well-known text"),
+    "a path": ("a.kml", "<kml><LineString><coordinates>8,46 9,46</coordinates></LineString></kml>", "(only 1 line)"),
+    "a link": ("a.kml", "<kml><NetworkLink><Link><href>http://a/b.kml</href></Link></NetworkLink></kml>", "does not download"),
+    "WKT that is none": ("a.wkt", "POLYGON ((8 46, 8.1", "not valid WKT"),
     "WKT not closed": ("a.wkt", "POLYGON ((8 46, 8.1 46, 8.1 46.1))", "a ring is not closed"),
-    "a WKT point": ("a.wkt", "POINT (8 46)", "has no polygon (it has 1 Point)"),
+    "a WKT point": ("a.wkt", "POINT (8 46)", "contains no polygons (only 1 Point)"),
     "SRID": ("a.wkt", "SRID=1;POLYGON ((8 46, 8.1 46, 8.1 46.1, 8 46))", "SRID=1 is not an EPSG coordinate system"),
     "poly of two": ("a.poly", "46.5 8.0\n46.6 8.1\n", "corners"),
     "no plan": ("a.plan", '{"fileType": "Mission"}', "not a plan"),
     "zero bytes": ("a.kml", "\0\0\0", "zero byte"),
-    "unknown suffix": ("a.dwg", "x", ".dwg is not a format of areas; use one of .geojson"),
+    "unknown suffix": ("a.dwg", "x", ".dwg is not a supported area format; use one of .geojson"),
 }  # fmt: skip
 
 
@@ -126,18 +126,18 @@ def test_a_scenario_tells_the_same_with_its_key(tmp_path):
     ("source", "words"),
     [
         ("nowhere.kml", "no such file"),
-        ("8,46,0.5", "a radius of 0.5 m"),
-        ("46,8,0", "a radius of 0 m"),
-        ("46,8,100km", "is outside 1..50,000 m"),
-        ("146,8,100", "latitude first"),
-        ("8,46", "2 numbers; a box is WEST,SOUTH,EAST,NORTH"),
+        ("8,46,0.5", "the radius must be between 1 and 50,000 m, not 0.5 m"),
+        ("46,8,0", "the radius must be between 1 and 50,000 m, not 0 m"),
+        ("46,8,100km", "must be between 1 and 50,000 m"),
+        ("146,8,100", "latitude 146"),
+        ("8,46", "2 numbers as an area; write a box as WEST,SOUTH,EAST,NORTH"),
         ("8,46,9,47,5", "5 numbers"),
         ("8,46.1,8.1,46", "is not above south"),
         ("46,108,46.1,108.1", "write WEST,SOUTH,EAST,NORTH"),
         ("8,46,-172.5,47", None),
         ("10,46,8,47", "more than half the Earth"),
-        ("POLYGON ((8 46, 8.1 46", "not well-known text"),
-        ("POLYGON EMPTY", "has no polygon"),
+        ("POLYGON ((8 46, 8.1 46", "not valid WKT"),
+        ("POLYGON EMPTY", "contains no polygons"),
         ("circle:1,2,3,4", "4 numbers"),
     ],
 )
@@ -155,8 +155,8 @@ def test_bad_text(tmp_path, source, words):
         ({"feature": "zzz"}, "the file has no feature 'zzz'; the names are: north"),
         ({"feature": "2"}, "has no feature 2; it has 1, counted from 1"),
         ({"layer": "a"}, "no feature has a name"),
-        ({"crs": "EPSG:none"}, "--crs: 'EPSG:none' is not a known coordinate system; use a code such as EPSG:32632"),
-        ({"crs": "EPSG:2056"}, "square metres; if its coordinates use another coordinate system"),
+        ({"crs": "EPSG:none"}, "--crs: unknown coordinate system 'EPSG:none'; use, for example, EPSG:32632"),
+        ({"crs": "EPSG:2056"}, "square metres; if the coordinates use another coordinate system"),
         ({"crs": "EPSG:5773"}, "not a coordinate system on Earth"),
     ],
 )
@@ -177,7 +177,7 @@ GOOD_KML = kml("8,46.5 8.02,46.5 8.02,46.52 8,46.5")
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        ([("a.txt", "x")], "has no KML document"),
+        ([("a.txt", "x")], "contains no KML document"),
         ([("inner.kmz", "x")], "the archive contains another archive (inner.kmz)"),
         ([("a.kml", GOOD_KML), ("b.kml", GOOD_KML)], "has 2 documents and no doc.kml"),
         (
@@ -196,7 +196,7 @@ def test_a_bad_kmz(tmp_path, entries, words):
 
 def test_a_kmz_that_is_no_zip_and_one_that_was_cut(tmp_path):
     (tmp_path / "a.kmz").write_bytes(b"PK\3\4 nothing")
-    assert "the file cannot be opened as KMZ" in refused(tmp_path, "a.kmz")
+    assert "cannot open the file as KMZ" in refused(tmp_path, "a.kmz")
     zipped(tmp_path / "b.kmz", [("doc.kml", GOOD_KML * 50)])
     data = bytearray((tmp_path / "b.kmz").read_bytes())
     data[60:90] = bytes(30)
@@ -249,11 +249,11 @@ def test_any_damage_is_one_line_or_an_area(tmp_path, seed):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("POINT (8 46)", "the area: the file has no polygon (it has 1 Point); draw"),
-        ("LINESTRING Z (8 46 1, 9 47 1)", "the area: the file has no polygon (it has 1 LineString); draw"),
+        ("POINT (8 46)", "the area: the file contains no polygons (only 1 Point); draw"),
+        ("LINESTRING Z (8 46 1, 9 47 1)", "the area: the file contains no polygons (only 1 LineString); draw"),
         (
             "MULTISURFACE (CURVEPOLYGON (CIRCULARSTRING (0 0, 1 1, 2 0, 1 -1, 0 0)))",
-            "has curves, which are not supported; save",
+            "curves are not supported; save",
         ),
     ],
 )
@@ -266,8 +266,8 @@ def test_a_layer_that_is_not_there_is_named_before_systems_that_differ(tmp_path)
     parts, _, _ = written.at_place(written.drawn_parts(1, 1, 0), "Tennessee")
     written.gis(tmp_path / "a.gpkg", parts, 4326, driver="GPKG", layer="fields")
     written.gis(tmp_path / "a.gpkg", parts, 32616, driver="GPKG", layer="forest")
-    assert "a.gpkg: its layers (fields, forest) have different" in refused(tmp_path, "a.gpkg")
-    assert "a.gpkg: the file has no layer 'meadow', and its layers (fields, forest) have" in refused(
+    assert "a.gpkg: the layers (fields, forest) differ" in refused(tmp_path, "a.gpkg")
+    assert "a.gpkg: the file has no layer 'meadow', and the layers (fields, forest) have" in refused(
         tmp_path, "a.gpkg", layer="meadow"
     )
 
@@ -280,20 +280,20 @@ def test_bad_zips(tmp_path):
     zipped(tmp_path / "good.zip", shapes)
     assert read_area(AreaQuery(source="good.zip"), folder=tmp_path).name == "field 1"
     zipped(tmp_path / "two.zip", [*shapes, ("other.gpkg", b"x")])
-    assert "the archive contains 2 files of .gpkg, .shp, .fgb instead of one; unpack it" in refused(tmp_path, "two.zip")
+    assert "the archive must contain one file (.gpkg, .shp, .fgb), not 2; unpack it" in refused(tmp_path, "two.zip")
     zipped(tmp_path / "none.zip", [("a.txt", b"x")])
-    assert "the archive contains 0 files" in refused(tmp_path, "none.zip")
+    assert "the archive must contain one file" in refused(tmp_path, "none.zip")
     zipped(tmp_path / "bomb.zip", [*shapes, ("big.txt", bytes(20_000_000))])
     assert "unpack it yourself if you trust it" in refused(tmp_path, "bomb.zip")
     (tmp_path / "bad.zip").write_bytes(b"PK no")
-    assert "the file cannot be opened as a zip file" in refused(tmp_path, "bad.zip")
+    assert "cannot open the file as a zip archive" in refused(tmp_path, "bad.zip")
 
 
 def test_without_pyogrio_the_line_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyogrio", None)
     (tmp_path / "a.gpkg").write_bytes(b"SQLite format 3\0")
     message = refused(tmp_path, "a.gpkg")
-    assert "extra gis (pip install 'uavcover[gis]'); alternatively, save the area as GeoJSON or KML" in message
+    assert "extra gis (pip install 'uavcover[gis]'); or use GeoJSON or KML" in message
 
 
 def test_bad_gis_files(tmp_path):

@@ -34,7 +34,7 @@ def pymoo_missing(what: str, reason: ImportError) -> OptimizerError:
     >>> print(pymoo_missing("NSGA2", ImportError("No module named 'pymoo'")))
     NSGA2 needs pymoo (No module named 'pymoo'): pip install pymoo
     """
-    return OptimizerError(f"{what} needs pymoo ({reason}): pip install pymoo")
+    return OptimizerError(f"{what} requires pymoo ({reason}); install it with: pip install pymoo")
 
 
 def spread_weights(n: int, m: int) -> FloatArray:
@@ -128,7 +128,7 @@ class PymooOptimizer(AskTellOptimizer):
             offered = Population.empty()
         if len(offered) > n:
             raise OptimizerError(
-                f"{type(algorithm).__name__} proposed {len(offered)} candidates for a population of {n}: build it "
+                f"{type(algorithm).__name__} proposed {len(offered)} candidates for a population of {n}; build it "
                 "with as many offspring as the population size"
             )
         if len(offered) < n:
@@ -161,7 +161,7 @@ class PymooOptimizer(AskTellOptimizer):
                 self._pickled = np.frombuffer(_as_bytes((algorithm, self._pending)), np.uint8)
             except (pickle.PicklingError, AttributeError, TypeError) as error:
                 raise OptimizerError(
-                    f"state: {type(algorithm).__name__} of pymoo cannot be pickled ({error}): run it in one go"
+                    f"state: {type(algorithm).__name__} of pymoo cannot be pickled ({error}); run it without interruption"
                 ) from error
             finally:
                 algorithm.random_state = stream
@@ -258,9 +258,7 @@ def pymoo_algorithm(name: str) -> type:
     for key, value in found.items():
         if key.lower() == name.lower():
             return value
-    raise OptimizerError(
-        f"algorithm 'pymoo:{name}': pymoo has no algorithm of this name: choose one of {', '.join(sorted(found))}"
-    )
+    raise OptimizerError(f"algorithm 'pymoo:{name}': unknown to pymoo; choose one of {', '.join(sorted(found))}")
 
 
 def adapted(algorithm: type) -> type[PymooOptimizer]:
@@ -287,13 +285,11 @@ def adapted(algorithm: type) -> type[PymooOptimizer]:
     ]
     if missing:
         raise OptimizerError(
-            f"{named} needs {', '.join(missing)}: write a subclass of PymooOptimizer that builds it "
+            f"{named} requires {', '.join(missing)}; write a subclass of PymooOptimizer that builds it "
             "(docs/reference/optimizers.md)"
         )
     if getattr(algorithm, "_infill", None) is LoopwiseAlgorithm._infill:
-        raise OptimizerError(
-            f"{named} proposes one candidate at a time: choose an algorithm that proposes a population"
-        )
+        raise OptimizerError(f"{named} proposes one candidate at a time; choose one that proposes a population")
     weighted = "ref_dirs" in parameters
     # A class that takes weights has as many candidates as these, unless it asks for the number too.
     sized = "pop_size" in parameters or not weighted

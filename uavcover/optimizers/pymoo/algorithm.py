@@ -61,9 +61,9 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
         ours = sorted(key for key, algorithm in ALGORITHMS.items() if not issubclass(algorithm, PymooOptimizer))
         if name not in ours:
             what = (
-                "is pymoo's own: use it directly"
+                "is pymoo's own algorithm; use it directly"
                 if name in ALGORITHMS
-                else f"is not known: choose one of {', '.join(ours)}"
+                else f"is unknown; choose one of {', '.join(ours)}"
             )
             raise OptimizerError(f"algorithm {name!r} {what}")
         if max_iterations is not None:
@@ -102,7 +102,7 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
         if evaluations is not None and math.isfinite(evaluations):
             return math.ceil(int(evaluations) / self.population_size)
         raise OptimizerError(
-            f"{self.name}: the termination does not state the number of iterations: use max_iterations=..., "
+            f"{self.name}: the termination does not state the number of iterations; use max_iterations=..., "
             'or a termination like ("n_gen", 200)'
         )
 

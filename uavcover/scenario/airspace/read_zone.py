@@ -76,7 +76,7 @@ def height_key(end: str, value: float, unit: str, datum: str, *, where: str) -> 
         FormatError: unit or datum are not known.
     """
     if unit.upper() not in METRES:
-        raise FormatError(f"{unit[:20]!r} is not a unit of height", where=where, advice="use m, ft or FL")
+        raise FormatError(f"{unit[:20]!r} is not a supported unit of height", where=where, advice="use m, ft or FL")
     height_m = value * METRES[unit.upper()]
     if unit.upper() == "FL" or datum.upper() == "STD":
         if end == "ceiling":
@@ -87,6 +87,6 @@ def height_key(end: str, value: float, unit: str, datum: str, *, where: str) -> 
     if datum.upper() in {"AMSL", "MSL", "ALT"}:
         return {f"{end}_amsl_m": height_m}
     raise FormatError(
-        f"{datum[:20]!r} is not a known reference of height", where=where,
+        f"{datum[:20]!r} is not a supported height reference", where=where,
         advice="use AGL or AMSL, or name the zone in ignore",
     )  # fmt: skip

@@ -52,12 +52,13 @@ def read_zones(
     unknown = sorted(set(entry.ignore) - {name for zone in read.zones for name in zone.names})
     if unknown:
         raise InputError(
-            f"{path}: ignore names the zone {unknown[0]!r}, which is not in the file; write its name or identifier as in the file"
+            f"{path}: ignore names the zone {unknown[0]!r}, which is not in the file; write the name or identifier "
+            "as it appears in the file"
         )
     wanted = [zone for zone in read.zones if not zone.names & set(entry.ignore)]
     notes = [f"{path.name}: {note}" for note in read.notes]
     if not read.zones and not read.notes:
-        raise InputError(f"{path}: the file has no zone; use a file with polygons or circles")
+        raise InputError(f"{path}: the file contains no zones; use a file with polygons or circles")
     # Files of whole countries: what is far away is not even checked.
     close = [(number, zone) for number, zone in enumerate(wanted, start=1) if near is None or _is_near(zone, near)]
     found = []
@@ -67,9 +68,9 @@ def read_zones(
         notes += mended
     if len(close) < len(wanted):
         notes.append(
-            f"{path.name}: {len(wanted) - len(close)} of {len(wanted)} zones ignored because they are more than "
+            f"{path.name}: ignored {len(wanted) - len(close)} of {len(wanted)} zones, because they are more than "
             f"{NEAR_KM:g} km away"
-            + ("" if close else "; are longitude and latitude swapped, or is it the file of another location?")
+            + ("" if close else "; are longitude and latitude swapped, or is this file for another location?")
         )
     return tuple(found), tuple(notes)
 
@@ -93,15 +94,13 @@ def _read(path: Path) -> ReadZones:
             if not path.exists()
             else "this is a folder"
             if path.is_dir()
-            else f"{suffix or 'no suffix'} is not a format of zones"
+            else f"{suffix or 'no suffix'} is not a supported zone format"
         )
         raise InputError(f"{path}: {what}; use one of {', '.join(suffixes)}")
     if suffix == ".plan" or any(suffix in reader.suffixes for reader in _readers()):
         try:
             if path.stat().st_size > MAX_BYTES:
-                raise InputError(
-                    f"{path}: the file is larger than {MAX_BYTES:,} bytes; save only the zones near the flight"
-                )
+                raise InputError(f"{path}: the file exceeds {MAX_BYTES:,} bytes; save only the zones near the flight")
             text = text_from_bytes(path.read_bytes()).text
             own = _of_text(text, suffix)
         except FormatError as error:
@@ -119,14 +118,16 @@ def _of_text(text: str, suffix: str) -> ReadZones | None:
     if suffix == ".plan":
         return _of_plan(text)
     if suffix not in SUFFIXES and not text.strip():
-        raise FormatError("the file is empty", where="line 1", advice="save it again")
+        raise FormatError("the file is empty", where="line 1", advice="save the file again")
     for reader in _readers():
         found = reader.read(text, suffix) if suffix in reader.suffixes else None
         if found is not None:
             return found
     if suffix not in SUFFIXES:
         raise FormatError(
-            "the file is not OpenAir, whose zones begin with AC", where="line 1", advice="use a file with zones"
+            "this is not an OpenAir file, because no record begins with AC",
+            where="line 1",
+            advice="use a file with zones",
         )
     return None
 
@@ -168,10 +169,11 @@ def _of_features(path: Path) -> ReadZones:
                 document.rings_may_be_open, None, *times, _periods(feature.properties, where),
             )
         )  # fmt: skip
-    notes = (f"{document.others} ignored: not polygons",) if document.others else ()
+    notes = (f"ignored {document.others}, which are not polygons",) if document.others else ()
     if not zones:
         raise InputError(
-            f"{path}: the file has no polygon{f' (it has {document.others})' if document.others else ''}; use a file with zones"
+            f"{path}: the file contains no polygons{f' (only {document.others})' if document.others else ''}; use a "
+            "file with zones"
         )
     return ReadZones(tuple(zones), (*document.notes, *notes))
 
@@ -180,7 +182,7 @@ def _properties(properties: Mapping[str, Any], where: str) -> tuple[dict[str, fl
     heights = {key: properties[key] for key in _HEIGHTS if properties.get(key) is not None}
     for key, value in heights.items():
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"{where}: {key} must be a number of metres, not {json.dumps(value)[:30]}; correct it")
+            raise InputError(f"{where}: {key} must be a number of metres, not {json.dumps(value)[:30]}")
     begin, end = (None if properties.get(key) is None else str(properties[key]) for key in _TIMES)
     return {key: float(value) for key, value in heights.items()}, (begin, end)
 
@@ -190,7 +192,7 @@ def _periods(properties: Mapping[str, Any], where: str) -> tuple[str, ...]:
     value = properties.get("active")
     periods = [] if value is None else value if isinstance(value, list) else [value]
     if not all(isinstance(period, str) for period in periods):
-        raise InputError(f'{where}: active must be a list of periods such as ["MON-FRI 08:00-17:00Z"]; correct it')
+        raise InputError(f'{where}: active must be a list of periods such as ["MON-FRI 08:00-17:00Z"]')
     return tuple(periods)
 
 
@@ -210,9 +212,7 @@ def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> tuple[NoFly, list[str
     if zone.circle is not None:
         lon, lat, radius_m = zone.circle
         if not 0.0 < radius_m <= _LARGEST_RADIUS_M:
-            raise InputError(
-                f"{where}: a radius of {radius_m:g} m is outside 0..{_LARGEST_RADIUS_M:,.0f} m; correct it"
-            )
+            raise InputError(f"{where}: the radius must be 0 to {_LARGEST_RADIUS_M:,.0f} m, not {radius_m:g} m")
         changes |= {"center_lon_lat_deg": (lon, lat), "radius_m": radius_m}
     else:
         reading = RingReading(zone.crs, zone.rings_may_be_open, make_valid=entry.make_valid)

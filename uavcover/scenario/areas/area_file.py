@@ -106,13 +106,11 @@ def _system(document: AreaDocument, query: AreaQuery) -> CRS:
         try:
             return _on_earth(CRS.from_user_input(query.crs), "--crs")
         except CRSError as error:
-            raise InputError(
-                f"--crs: {query.crs!r} is not a known coordinate system; use a code such as EPSG:32632"
-            ) from error
+            raise InputError(f"--crs: unknown coordinate system {query.crs!r}; use, for example, EPSG:32632") from error
     if document.crs is None:
         raise InputError(
-            f"{document.source}: the file does not state its coordinate system (a Shapefile has it in a .prj file "
-            "beside it); specify it with --crs EPSG:NUMBER"
+            f"{document.source}: the file does not state its coordinate system (for a Shapefile, this is in a .prj "
+            "file beside it); specify it with --crs EPSG:NUMBER"
         )
     return _on_earth(document.crs, document.source)
 
@@ -137,13 +135,13 @@ def read_document(path: Path, layer: str | None) -> AreaDocument:
     if not path.exists():
         raise InputError(f"{path}: no such file; an area is a file, WEST,SOUTH,EAST,NORTH, LAT,LON,RADIUS or WKT")
     if path.is_dir() or suffix not in SUFFIXES:
-        what = "this is a folder" if path.is_dir() else f"{suffix or 'no suffix'} is not a format of areas"
+        what = "this is a folder" if path.is_dir() else f"{suffix or 'no suffix'} is not a supported area format"
         raise InputError(f"{path}: {what}; use one of {', '.join(SUFFIXES)}")
     size = path.stat().st_size
     if size == 0:
         raise InputError(f"{path}: the file is empty; save it again")
     if size > MAX_BYTES:
-        raise InputError(f"{path}: the file has {size:,} bytes; the limit is {MAX_BYTES:,}; save only the area")
+        raise InputError(f"{path}: the file has {size:,} bytes, but the limit is {MAX_BYTES:,}; save only the area")
     if suffix in (*gis_file.SUFFIXES, ".zip"):
         return gis_file.read_gis_file(path, layer)
     try:
@@ -174,18 +172,17 @@ def _read_text(source: str) -> AreaDocument:
     if len(numbers) == 4 and kind in ("", "bbox", "box") and not unit:
         return _box(source, numbers)
     raise InputError(
-        f"{source}: {len(numbers)} numbers; a box is WEST,SOUTH,EAST,NORTH in degrees, a circle LAT,LON,RADIUS in metres"
+        f"{source}: cannot interpret {len(numbers)} numbers as an area; write a box as WEST,SOUTH,EAST,NORTH in "
+        "degrees, or a circle as LAT,LON,RADIUS with the radius in metres"
     )
 
 
 def _circle(source: str, numbers: list[float], metres: float) -> AreaDocument:
     lat, lon, radius = numbers[0], numbers[1], numbers[2] * metres
     if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
-        raise InputError(
-            f"{source}: latitude {lat:g}, longitude {lon:g} is not a position; write LAT,LON,RADIUS, latitude first"
-        )
+        raise InputError(f"{source}: latitude {lat:g}, longitude {lon:g} is not a position; write LAT,LON,RADIUS")
     if not 1.0 <= radius <= 50_000.0:
-        raise InputError(f"{source}: a radius of {radius:g} m is outside 1..50,000 m; the third number is in metres")
+        raise InputError(f"{source}: the radius must be between 1 and 50,000 m, not {radius:g} m; use metres")
     return AreaDocument(source, (AreaFeature(((circle_ring(lat, lon, radius),),)),))
 
 
@@ -199,7 +196,8 @@ def _box(source: str, numbers: list[float]) -> AreaDocument:
         )
     if math.fmod(east - west + 360.0, 360.0) > 180.0:
         raise InputError(
-            f"{source}: from west {west:g} to east {east:g} is more than half the Earth; write WEST,SOUTH,EAST,NORTH"
+            f"{source}: the box from west {west:g} to east {east:g} covers more than half the Earth; write "
+            "WEST,SOUTH,EAST,NORTH"
         )
     ring = ((west, south), (east, south), (east, north), (west, north), (west, south))
     return AreaDocument(source, (AreaFeature(((ring,),)),))

@@ -51,9 +51,9 @@ def chosen(document: AreaDocument, layer: str | None, feature: str | None) -> tu
     """
     everything = document.features
     if not everything:
-        there = f" (it has {document.others})" if document.others else ""
+        there = f" (only {document.others})" if document.others else ""
         raise InputError(
-            f"{document.source}: the file has no polygon{there}; draw the area as a polygon and save it again"
+            f"{document.source}: the file contains no polygons{there}; draw the area as a polygon and save the file again"
         )
     layers = list(dict.fromkeys(one.layer for one in everything))
     if layer is not None:
@@ -88,7 +88,7 @@ def _known(wanted: str, names: Sequence[str], missing: str) -> str:
     if wanted.casefold() in alike:
         return alike[wanted.casefold()]
     if not alike:
-        raise InputError(f"{missing}: no feature has a name; omit the option")
+        raise InputError(f"{missing}, and no feature has a name; omit this option")
     close = difflib.get_close_matches(wanted.casefold(), alike, n=1)
     advice = f"did you mean {alike[close[0]]!r}?" if close else f"the names are: {_listed(list(alike.values()))}"
     raise InputError(f"{missing}; {advice}")

@@ -52,7 +52,7 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
             yield archive
     except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error) as error:
         raise InputError(
-            f"{path}: the file cannot be opened as KMZ, which is a zip file ({error}); save it again, or save it as KML"
+            f"{path}: cannot open the file as KMZ, which is a zip file ({error}); save it again, or save it as KML"
         ) from error
 
 
@@ -60,7 +60,7 @@ def _files(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     entries = archive.infolist()
     if len(entries) > MAX_ENTRIES:
         raise InputError(
-            f"{path}: the archive has {len(entries)} entries; the limit is {MAX_ENTRIES}; save only the drawing as KML"
+            f"{path}: the archive has {len(entries)} entries, but the limit is {MAX_ENTRIES}; save only the drawing, as KML"
         )
     return [one for one in entries if not one.is_dir()]
 
@@ -73,14 +73,12 @@ def _unpacked(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> b
     if entry.file_size > MAX_KML_BYTES or (ratio > MAX_RATIO and entry.file_size > MAX_KML_BYTES // 64):
         raise InputError(
             f"{path}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; the "
-            f"limits are {MAX_KML_BYTES:,} bytes and {MAX_RATIO:g} times; save only the drawing as KML"
+            f"limits are {MAX_KML_BYTES:,} bytes and {MAX_RATIO:g} times; save only the drawing, as KML"
         )
     with archive.open(entry) as stream:
         data = stream.read(MAX_KML_BYTES + 1)
     if len(data) > MAX_KML_BYTES:
-        raise InputError(
-            f"{path}: {entry.filename} unpacks to more than {MAX_KML_BYTES:,} bytes; save only the drawing as KML"
-        )
+        raise InputError(f"{path}: {entry.filename} exceeds {MAX_KML_BYTES:,} bytes; save only the drawing, as KML")
     return data
 
 
@@ -96,10 +94,8 @@ def _document(path: Path, entries: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
         )
     nested = [one.filename for one in entries if one.filename.lower().endswith(_ARCHIVES)]
     if nested:
-        raise InputError(
-            f"{path}: the archive contains another archive ({nested[0]}), which is not opened; unpack it first"
-        )
-    raise InputError(f"{path}: the archive has no KML document; save the area again with the map program")
+        raise InputError(f"{path}: the archive contains another archive ({nested[0]}); unpack it first")
+    raise InputError(f"{path}: the archive contains no KML document; save the area again with the map program")
 
 
 SUFFIXES = (".gpkg", ".shp", ".fgb")
@@ -120,8 +116,7 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
         import pyogrio.errors
     except ImportError as error:
         raise InputError(
-            f"{path}: {path.suffix} files need the extra gis (pip install 'uavcover[gis]'); alternatively, save the "
-            "area as GeoJSON or KML"
+            f"{path}: {path.suffix} files require the extra gis (pip install 'uavcover[gis]'); or use GeoJSON or KML"
         ) from error
     try:
         layers = [str(name) for name, kind in pyogrio.list_layers(opened) if kind is not None]
@@ -131,7 +126,7 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
         others = 0
         for name in wanted:
             if pyogrio.read_info(opened, layer=name)["features"] > MAX_FEATURES:
-                raise InputError(f"{path}: layer {name} has more than {MAX_FEATURES:,} features; save only the area")
+                raise InputError(f"{path}: layer {name} has over {MAX_FEATURES:,} features; save only the area")
             meta, _, shapes, fields = pyogrio.raw.read(opened, layer=name)
             of_layer, left_out = _features(name, meta, shapes, fields)
             others += left_out
@@ -143,9 +138,7 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
             f"{path}: the file cannot be read ({_first_line(error)}); save it again, or as GeoJSON"
         ) from error
     except CRSError as error:
-        raise InputError(
-            f"{path}: its coordinate system is not known ({_first_line(error)}); specify it with --crs"
-        ) from error
+        raise InputError(f"{path}: unknown coordinate system ({_first_line(error)}); specify it with --crs") from error
     except (shapely.errors.GEOSException, NotImplementedError) as error:
         raise InputError(
             f"{path}: the file contains an unsupported shape ({_first_line(error)}); save it as plain polygons"
@@ -154,9 +147,7 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
     if any(other != crs for other in systems):
         names = ", ".join(dict.fromkeys(one.layer for one in found))
         missing = "" if layer is None else f"the file has no layer {layer!r}, and "
-        raise InputError(
-            f"{path}: {missing}its layers ({names}) have different coordinate systems; choose one of them with --layer"
-        )
+        raise InputError(f"{path}: {missing}the layers ({names}) differ in coordinate system; choose one with --layer")
     return AreaDocument(str(path), tuple(found), crs, f"{others} features without a polygon" if others else "")
 
 
@@ -166,18 +157,18 @@ def _inside_zip(path: Path) -> str:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, OSError) as error:
-        raise InputError(f"{path}: the file cannot be opened as a zip file ({error}); unpack it") from error
+        raise InputError(f"{path}: cannot open the file as a zip archive ({error}); unpack it yourself") from error
     found = [entry.filename for entry in entries if entry.filename.lower().endswith(SUFFIXES)]
     if len(found) != 1:
         raise InputError(
-            f"{path}: the archive contains {len(found)} files of {', '.join(SUFFIXES)} instead of one; unpack it and use the file"
+            f"{path}: the archive must contain one file ({', '.join(SUFFIXES)}), not {len(found)}; unpack it and use the file"
         )
     size = sum(entry.file_size for entry in entries)
     packed = sum(entry.compress_size for entry in entries)
     if len(entries) > MAX_ENTRIES or size > MAX_BYTES or size > MAX_RATIO * max(packed, 1):
         raise InputError(
-            f"{path}: the archive unpacks to {size:,} bytes in {len(entries)} files, which is above the limit; "
-            "unpack it yourself if you trust it"
+            f"{path}: the archive unpacks to {size:,} bytes in {len(entries)} files, which exceeds the limit; unpack "
+            "it yourself if you trust it"
         )
     return f"/vsizip/{path.resolve()}/{found[0]}"
 

@@ -50,13 +50,13 @@ def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[
         parts = _mended(polygon, reading, where)
     if not any(part.area > 0.0 for part in parts):
         if shapely.Polygon(outlines[0]).area > 0.0:
-            raise InputError(f"{where}: nothing is left of the area inside its holes; remove the holes that cover it")
-        raise InputError(f"{where}: all corners are on one line, so the area is zero; draw it again")
+            raise InputError(f"{where}: the holes cover the whole area; remove some of them")
+        raise InputError(f"{where}: all corners lie on one line, so the area is zero; draw it again")
     found = [_geographic(part, reading, where) for part in parts if part.area > 0.0]
     size_m2 = sum(_area_m2(part) for part in found)
     if size_m2 < SMALLEST_M2:
         raise InputError(
-            f"{where}: the area is only {size_m2:.2g} square metres; if its coordinates use another coordinate "
+            f"{where}: the area is only {size_m2:.2g} square metres; if the coordinates use another coordinate "
             "system, specify it with --crs"
         )
     if polygon.is_valid:
@@ -81,7 +81,7 @@ def _outline(ring: Ring, reading: RingReading, where: str) -> FloatArray:
         raise InputError(f"{where}: corner {number} is not a pair of finite numbers; remove or correct it")
     if len(np.unique(corners, axis=0)) < 3:
         raise InputError(
-            f"{where}: the ring has {len(np.unique(corners, axis=0))} different corners; an area needs at least 3; draw it again"
+            f"{where}: the ring has {len(np.unique(corners, axis=0))} different corners, but needs at least 3; draw it again"
         )
     if not np.array_equal(corners[0], corners[-1]):
         if not (reading.may_be_open or reading.make_valid):
@@ -106,7 +106,7 @@ def _continuous(outlines: Sequence[FloatArray], reading: RingReading, where: str
             raise InputError(
                 f"{where}: longitude {lons[worst]:.10g}, latitude {lats[worst]:.10g} is not a position on Earth; "
                 + (
-                    "the axes seem to be swapped: longitude comes first (or use --swap-axes)"
+                    "the axes seem to be swapped: write longitude first, or use --swap-axes"
                     if swapped
                     else "specify the file's coordinate system with --crs EPSG:NUMBER"
                 )
@@ -136,7 +136,7 @@ def _mended(polygon: shapely.Polygon, reading: RingReading, where: str) -> list[
             "Ring Self-intersection": "the outline touches itself",
             "Hole lies outside shell": "a hole lies outside",
             "Nested holes": "a hole lies in another hole",
-            "Interior is disconnected": "holes divide the area",
+            "Interior is disconnected": "holes divide the area into separate parts",
         }.get(reason.strip(), reason.strip().lower())
         raise InputError(f"{where}: {what}{at}; correct it there, or use --make-valid")
     # Ring by ring: the default method counts crossings and fills holes that overlap or touch the outline, and "structure" takes

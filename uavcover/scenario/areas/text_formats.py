@@ -51,7 +51,7 @@ def read_osmosis(text: str, source: str) -> AreaDocument:
     for number, hole in holes:
         around = [inner for outer, inner in outers if shapely.Polygon(outer).intersects(shapely.Point(hole[0]))]
         if not around:
-            raise FormatError("the hole does not lie in a polygon", where=f"line {number}", advice="remove it")
+            raise FormatError("the hole does not lie inside a polygon", where=f"line {number}", advice="remove it")
         around[0].append(hole)
     features = tuple(AreaFeature(((outer, *inner),), name) for outer, inner in outers)
     return AreaDocument(source, features, rings_may_be_open=True)
@@ -67,7 +67,7 @@ def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
                 raise FormatError(
                     f"the section has {len(places)} positions",
                     where=f"line {number}",
-                    advice="an area needs three or more",
+                    advice="an area requires at least three",
                 )
             return tuple(places), at
         try:
@@ -76,10 +76,12 @@ def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
             lon = lat = math.nan
         if not (abs(lon) <= 180.0 and abs(lat) <= 90.0):
             raise FormatError(
-                f"{line[:40]!r} is not a position", where=f"line {number}", advice="write longitude, then latitude"
+                f"{line[:40]!r} is not a valid position",
+                where=f"line {number}",
+                advice="write longitude, then latitude",
             )
         places.append((lon, lat))
-    raise FormatError("the last section has no END", where=f"line {lines[-1][0]}", advice="download the file again")
+    raise FormatError("the last section lacks END", where=f"line {lines[-1][0]}", advice="download the file again")
 
 
 _CIRCLE_CORNERS = 72
@@ -125,9 +127,7 @@ def _named_system(node: Node) -> CRS:
     try:
         return CRS.from_user_input(name)
     except CRSError:
-        raise FormatError(
-            f"the coordinate system {name[:60]!r} is not known", where=node.where, advice="specify it with --crs"
-        ) from None
+        raise FormatError(f"unknown CRS {name[:60]!r}", where=node.where, advice="specify it with --crs") from None
 
 
 def _properties(feature: Node) -> Mapping[str, Any]:
@@ -145,7 +145,7 @@ def _name_of(properties: Mapping[str, Any]) -> str:
 def _rings(node: Node) -> Rings:
     rings = tuple(tuple(_pair(position) for position in ring.nodes()) for ring in node.nodes())
     if not rings:
-        raise FormatError("the polygon has no ring", where=node.where, advice="remove it")
+        raise FormatError("the polygon has no rings", where=node.where, advice="remove it")
     return rings
 
 
@@ -191,15 +191,13 @@ def _shape_of_line(line: str, source: str) -> Any:
     try:
         return shapely.from_wkt(line)
     except NotImplementedError:
-        raise InputError(
-            f"{source}: the shape has curves, which are not supported; save it with straight sides"
-        ) from None
+        raise InputError(f"{source}: curves are not supported; save the shape with straight sides") from None
     except shapely.errors.GEOSException as error:
         reason = str(error).strip().splitlines()[0]
         if "closed" in reason:
             raise InputError(f"{source}: a ring is not closed; repeat its first corner at the end") from error
         raise InputError(
-            f"{source}: the text is not well-known text ({reason}); write it as POLYGON ((lon lat, lon lat, ...))"
+            f"{source}: the argument is not valid WKT ({reason}); write it as POLYGON ((lon lat, lon lat, ...))"
         ) from error
 
 
@@ -208,7 +206,7 @@ def read_kml(text: str, source: str) -> AreaDocument:
     document = _of_drawing(kml.read_drawing(text), source)
     if not document.features and not document.others and "<NetworkLink" in text:
         raise InputError(
-            f"{source}: the file only links to another file, which is not downloaded; save the polygon itself as KML"
+            f"{source}: the file only links to another file, which uavcover does not download; save the polygon itself as KML"
         )
     return document
 
