@@ -133,7 +133,7 @@ def test_endurance_is_judged_by_the_vehicles_own_values(px4, seed):
 def test_home_in_height_says_what_it_does_to_the_band(off_m, told):
     row = table(False, home_off_m=off_m)["home altitude above sea level"]
     assert row.weight is (Weight.NONE if told is None else Weight.WARNING)
-    assert told is None or f"a height band of 40 to 80 m becomes {told} m" in row.matters
+    assert told is None or f"a band of 40 to 80 m becomes {told} m" in row.matters
 
 
 # In a flight.
