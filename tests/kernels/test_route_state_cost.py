@@ -7,10 +7,11 @@ from tests.compiled_kernels import cases
 from tests.kernels.test_route_state import small_problem, small_state
 from tests.kernels.test_way_cost import POWER
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
+from uavcover.kernels.arrays import read_only
 from uavcover.kernels.flight_time import Pace
 from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS
-from uavcover.kernels.way_cost import ENERGY, LENGTH, SHORTEST, TIME, WayCost, route_cost
+from uavcover.kernels.way_cost import ENERGY, LENGTH, SHORTEST, TIME, Detours, WayCost, route_cost
 from uavcover.planner.search.tuning import TUNED
 
 PACE = Pace(2.0, 0.7, 0.5, airspeed_m_s=2.5, wind_east_m_s=1.0, wind_north_m_s=-1.5, acceleration_m_s2=0.8)
@@ -25,6 +26,9 @@ WAYS = {
     "mission with a stop": WayCost(TIME, PACE, 0.7, 1.3, 1, (0.5, 1.0, 2.0), 0.5, 1),
     "energy of a mission": WayCost(ENERGY, PACE, 0.7, 1.3, 1, (0.5, 1.0, 2.0), 0.5, power=POWER),
 }
+WAYS["mission with detours"] = WAYS["mission and waypoints"]._replace(
+    detours=Detours(read_only(np.arange(24.0).reshape(2, 3, 4) ** 1.5), high_agl_m=2.0)
+)
 ways = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
 
 

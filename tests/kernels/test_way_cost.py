@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import RegularGridInterpolator
 
 from tests.kernels.test_route import deterministic, points
 from tests.naive import energy as naive
+from uavcover.kernels.arrays import read_only
 from uavcover.kernels.energy import Power
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, flight_time, landing_time, takeoff_time
 from uavcover.kernels.route import path_length
-from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME, WayCost, route_cost
+from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME, Detours, WayCost, route_cost
 from uavcover.terrain.ground import grid_ground
 
 paces = st.builds(
@@ -110,3 +112,22 @@ def test_energy_of_a_mission_is_that_of_small_steps_of_time():
     route = np.array([legs[0][1], legs[1][1]], dtype=float)
     assert route_cost(flat(), way, route) == pytest.approx(expected, rel=0.01)
     assert route_cost(flat(), way._replace(unit=TIME), route) != pytest.approx(expected, rel=0.05)
+
+
+def test_detours_are_interpolated_between_places_and_heights():
+    """As by SciPy's interpolator, beyond the lattice as at its edge."""
+    rng = np.random.default_rng(8)
+    more = read_only(rng.uniform(0.0, 9.0, (4, 3, 4)))
+    known = Detours(more, east0_m=-3.0, north0_m=2.0, east_m=2.0, north_m=1.5, low_agl_m=1.0, high_agl_m=3.0)
+    way = WayCost(TIME, Pace(2.0, 0.7, 0.5), 0.0, 0.0, mission=1, column_top=(0.0, 0.0, 2.0), column_m=2.0)
+    axes = [1.0, 3.0], 2.0 + 1.5 * np.arange(4), -3.0 + 2.0 * np.arange(3)
+    levels = np.moveaxis(more.reshape(4, 3, 2, 2), 2, 0)
+    exact = RegularGridInterpolator(axes, levels)
+    for p, q in rng.uniform([-5.0, 0.0, 0.5], [4.0, 8.0, 4.0], (60, 2, 3)):
+        ends = (np.clip([place[2], place[1], place[0]], [1.0, 2.0, -3.0], [3.0, 6.5, 1.0]) for place in (p, q))
+        expected = exact(next(ends))[0, 0] + exact(next(ends))[0, 1]
+        route, surface = np.array([p, q]), flat()
+        added = route_cost(surface, way._replace(detours=known), route) - route_cost(surface, way, route)
+        assert added == pytest.approx(expected, abs=1e-9)
+    unknown = np.array([[-800.0, 0.0, 2.0], [-800.0, 5.0, 2.0]])
+    assert math.isfinite(route_cost(flat(), way._replace(detours=known), unknown))

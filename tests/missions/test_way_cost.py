@@ -6,17 +6,19 @@ import math
 import numpy as np
 import pytest
 
-from tests.planner.sites import make_site, with_scenario
+from tests.planner.sites import make_site, ridge, with_scenario
 from uavcover.errors import InputError
 from uavcover.kernels.flight_time import BLENDED, BRAKED
-from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME
+from uavcover.kernels.way_cost import ENERGY, LENGTH, NO_DETOURS, TIME, route_cost
+from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.mission_compiler import compile_mission
-from uavcover.missions.way_cost import mission_cost_of, power_of, way_cost_of
+from uavcover.missions.way_cost import detours, mission_cost_of, power_of, way_cost_of
+from uavcover.model.no_fly import NoFly
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.scenario.pace import pace_of
-from uavcover.scenario.site import load_site
+from uavcover.scenario.site import Site, load_site
 
 AT_ONCE = {"max_airspeed_m_s": 12.0, "acceleration_m_s2": math.inf}
 WINDY = with_scenario(make_site(vehicle=AT_ONCE), wind=Wind(speed_m_s=8.0, from_deg=270.0))
@@ -49,6 +51,37 @@ def test_objective_and_middle_of_the_band() -> None:
     timed = way_cost_of(make_site(planner={"objective": "flight-time", "band_deviation_price": 0.5}))
     assert timed.mission == 0
     assert (timed.unit, timed.deviation_price, timed.middle_agl_m) == (TIME, 0.5, 80.0)
+
+
+def test_a_flat_ground_has_next_to_no_detours() -> None:
+    assert detours(make_site()).more.max() < 0.6, "a steep transit begins higher"
+    assert way_cost_of(make_site(planner={"objective": "flight-time"})).detours is NO_DETOURS
+
+
+ZONE = NoFly(polygon_east_north_m=((-60.0, -100.0), (-20.0, -100.0), (-20.0, 190.0), (-60.0, 190.0)), margin_m=5.0)
+
+
+@pytest.mark.parametrize(
+    "site",
+    [
+        make_site(ridge(-40.0, 150.0), planner={"objective": "mission-time"}),
+        make_site(ridge(-40.0, 150.0), planner={"objective": "energy"}),
+        make_site(no_fly=(ZONE,), planner={"objective": "mission-time"}),
+    ],
+)
+def test_the_search_counts_missions_along_their_transits(site: Site) -> None:
+    """Over a ridge and around a zone, against the mission's cost along its transits."""
+    rng, way, errors_s = np.random.default_rng(5), way_cost_of(site), []
+    for _ in range(30):
+        places_m = rng.uniform([0.0, 0.0], [300.0, 200.0], (3, 2))
+        route = Route(np.column_stack([places_m, site.ground.ups_m(places_m, rng.uniform(40.0, 120.0, 3))]))
+        cost, price = mission_cost(site, route), len(route) * way.waypoint_price
+        real_s = cost.energy_hover_s if site.scenario.objective == "energy" else cost.time_s
+        ways = way, way._replace(detours=NO_DETOURS)
+        errors_s.append([route_cost(site.ground.surface, each, route.waypoints_m) - price - real_s for each in ways])
+    counted_s, straight_s = np.abs(errors_s).mean(axis=0)
+    assert counted_s < 0.1 * straight_s
+    assert straight_s > 10.0
 
 
 def test_the_flight_against_the_wind_takes_longer_and_counts_against_endurance() -> None:

@@ -1,8 +1,8 @@
 """What a way costs: metres, seconds or energy, with wind, climbs and turns; and its waypoints, by number and place in the band.
 
-A cost of the whole mission begins and ends on the ground at home. During a search the way there and the way home are straight
-lines from above home: where the terrain bends them they take longer, by little beside what a route takes, and what is
-reported is counted along the checked transits (:func:`uavcover.missions.sorties.mission_time_s`).
+A cost of the whole mission begins and ends on the ground at home. During a search the transits are straight lines from above
+home, with what the checked transits cost more on average near each end: they climb over terrain and go around zones. What is
+reported is counted along the checked transits (:func:`uavcover.missions.flight_costs.mission_cost`).
 
 A route that no single flight can fly is split for the least total time in the order of its waypoints, by the procedure of
 Prins (2004), doi 10.1016/S0305-0548(03)00158-8.
@@ -27,6 +27,35 @@ HOVERING = Power(1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 """Power that is that of hovering at any speed: energy is then time."""
 
 
+class Detours(NamedTuple):
+    """Costs of checked transits beside straight ones, on a lattice; between its places they are interpolated.
+
+    Attributes:
+        more: (rows, columns, 4) cost more to a place at the lower height from home, and from it to home, and the same at the
+            upper height; (0, 0, 4) where nothing is known.
+        east0_m: of the first place.
+        north0_m: of the first place.
+        east_m: between two columns.
+        north_m: between two rows.
+        low_agl_m: the lower height.
+        high_agl_m: the upper height.
+    """
+
+    more: NDArray[np.float64]
+    east0_m: float = 0.0
+    north0_m: float = 0.0
+    east_m: float = 1.0
+    north_m: float = 1.0
+    low_agl_m: float = 0.0
+    high_agl_m: float = 1.0
+
+
+_NO_COSTS = np.zeros((0, 0, 4))
+_NO_COSTS.flags.writeable = False  # kernels are compiled separately for writable and read-only arrays
+NO_DETOURS = Detours(_NO_COSTS)
+"""Transits are straight lines."""
+
+
 class WayCost(NamedTuple):
     """What is to be made small.
 
@@ -41,6 +70,7 @@ class WayCost(NamedTuple):
         stop_at_first: 1 when the vehicle stops at its first waypoint, where the pictures begin.
         waypoint_price: of every waypoint, in that unit.
         power: of the vehicle, for ENERGY.
+        detours: what transits of the whole mission cost more than straight ones, in that unit.
     """
 
     unit: int
@@ -53,6 +83,7 @@ class WayCost(NamedTuple):
     stop_at_first: int = 0
     waypoint_price: float = 0.0
     power: Power = HOVERING
+    detours: Detours = NO_DETOURS
 
 
 SHORTEST = WayCost(LENGTH, Pace(1.0, 1.0, 1.0), 0.0, 0.0)
@@ -114,6 +145,30 @@ def _cost_home(way: WayCost, p: Place) -> float:
 
 
 @kernel
+def _detour_cost(surface: Surface, detours: Detours, p: Place, direction: int) -> float:
+    """How much more the transit to p, 0, or home from it, 1, costs than a straight one."""
+    rows, columns = detours.more.shape[0], detours.more.shape[1]
+    if rows < 2 or columns < 2:
+        return 0.0
+    x = min(max((p[0] - detours.east0_m) / detours.east_m, 0.0), columns - 1.0)
+    y = min(max((p[1] - detours.north0_m) / detours.north_m, 0.0), rows - 1.0)
+    j, i = min(int(x), columns - 2), min(int(y), rows - 2)
+    x -= j
+    y -= i
+    agl_m = height_above(surface, p[0], p[1], p[2])
+    # 0 where the ground is not known.
+    high = (min(agl_m, detours.high_agl_m) - detours.low_agl_m) / (detours.high_agl_m - detours.low_agl_m)
+    high = high if high > 0.0 else 0.0
+    total = 0.0
+    for level in range(2):
+        k = 2 * level + direction
+        south = (1.0 - x) * detours.more[i, j, k] + x * detours.more[i, j + 1, k]
+        north = (1.0 - x) * detours.more[i + 1, j, k] + x * detours.more[i + 1, j + 1, k]
+        total += (high if level == 1 else 1.0 - high) * ((1.0 - y) * south + y * north)
+    return total
+
+
+@kernel
 def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], begins: bool, ends: bool) -> float:
     """Of an (n, 3) stretch of a route: its legs, its turns and its waypoints; with the way there, and the way home.
 
@@ -138,12 +193,12 @@ def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], b
         home = way.column_top
         if begins:
             first = (stretch[0, 0], stretch[0, 1], stretch[0, 2])
-            total += _cost_there(way, first)
+            total += _cost_there(way, first) + _detour_cost(surface, way.detours, first, 0)
             if way.stop_at_first == 0 and n > 1:
                 total += turn_cost(way, home, first, (stretch[1, 0], stretch[1, 1], stretch[1, 2]))
         if ends:
             last = (stretch[n - 1, 0], stretch[n - 1, 1], stretch[n - 1, 2])
-            total += _cost_home(way, last)
+            total += _cost_home(way, last) + _detour_cost(surface, way.detours, last, 1)
             if n > 1:
                 total += turn_cost(way, (stretch[n - 2, 0], stretch[n - 2, 1], stretch[n - 2, 2]), last, home)
     return total

@@ -1,11 +1,18 @@
 """The cost model of a site, as numbers for the kernels."""
 
+import itertools
+
+import numpy as np
+
 from uavcover.errors import InputError
-from uavcover.kernels.energy import Power
-from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME, WayCost
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.energy import Power, landing_energy, takeoff_energy
+from uavcover.kernels.flight_time import landing_time, takeoff_time
+from uavcover.kernels.way_cost import ENERGY, LENGTH, NO_DETOURS, TIME, Detours, WayCost, leg_cost, turn_cost
+from uavcover.missions.transit import transit
 from uavcover.model.vehicle import Vehicle
 from uavcover.scenario.pace import pace_of
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 from uavcover.sensing.sensors import trigger_distance_m
 
 
@@ -55,7 +62,65 @@ def way_cost_of(site: Site) -> WayCost:
         deviation_price=planner.band_deviation_price,
         middle_agl_m=0.5 * (limits.min_height_agl_m + limits.max_height_agl_m),
         waypoint_price=waypoint_price_of(site),
+        detours=detours(site) if whole else NO_DETOURS,
     )
+
+
+_FEW_TRANSITS, _MANY_TRANSITS = 8, 20
+"""Rows and columns of a lattice of transits. Each takes 0.2 ms, and some ms around zones: there few have to do."""
+
+_SAME = 1.0
+"""Where few transits cost less than this more than straight ones, in seconds, there are no more of them."""
+
+
+@once
+def detours(site: Site) -> Detours:
+    """Costs of transits beside straight ones, to both ends of the height band over the area of a site with a home."""
+    few = _lattice_of_detours(site, _FEW_TRANSITS)
+    return few if site.zones or few.more.max() < _SAME else _lattice_of_detours(site, _MANY_TRANSITS)
+
+
+def _lattice_of_detours(site: Site, count: int) -> Detours:
+    way, home = mission_cost_of(site), np.asarray(site.home_m)
+    way = way._replace(unit=ENERGY if site.scenario.objective == "energy" else TIME)
+    west, south, east, north = site.area.bounds
+    places = np.meshgrid(np.linspace(west, east, count), np.linspace(south, north, count))
+    places_m = np.column_stack([axis.ravel() for axis in places])
+    heights_agl_m = _ends_of_band_m(site)
+    more = np.zeros((count * count, 4))
+    for level, agl_m in enumerate(heights_agl_m):
+        ups_m = site.ground.ups_m(places_m, agl_m)
+        for k in np.flatnonzero(np.isfinite(ups_m)):
+            end_m = np.array([*places_m[k], ups_m[k]])
+            flown_m = transit(site, home[:2], end_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
+            straight_m = np.array([way.column_top, end_m])
+            for column, direction in ((2 * level, 1), (2 * level + 1, -1)):
+                flown, straight = (_transit_cost(way, home, line_m, direction) for line_m in (flown_m, straight_m))
+                more[k, column] = flown - straight
+    more[~np.isfinite(more)] = 0.0
+    lattice = more.reshape(count, count, 4)
+    lattice.flags.writeable = False
+    east_m, north_m = (max(side / (count - 1), 1e-6) for side in (east - west, north - south))
+    return Detours(lattice, float(west), float(south), east_m, north_m, *heights_agl_m)
+
+
+def _ends_of_band_m(site: Site) -> tuple[float, float]:
+    """Lowest and greatest height above ground of waypoints."""
+    limits = site.scenario.limits
+    low_m = limits.min_height_agl_m + limits.height_margin_m
+    return low_m, max(limits.max_height_agl_m - limits.height_margin_m, low_m + 1e-3)
+
+
+def _transit_cost(way: WayCost, home_m: FloatArray, line_m: FloatArray, direction: int) -> float:
+    """Cost along a (k, 3) line from above home, with take-off, or against its direction (-1), with landing."""
+    column_m, places = float(line_m[0, 2] - home_m[2]), [tuple(place) for place in line_m[::direction].tolist()]
+    legs = sum(leg_cost(way, p, q) for p, q in itertools.pairwise(places))
+    turns = sum(turn_cost(way, *three) for three in zip(places, places[1:], places[2:], strict=False))
+    if way.unit == ENERGY:
+        column = (takeoff_energy if direction > 0 else landing_energy)(way.power, way.pace, column_m)
+    else:
+        column = (takeoff_time if direction > 0 else landing_time)(way.pace, column_m)
+    return float(legs + turns + column)
 
 
 def mission_cost_of(site: Site) -> WayCost:

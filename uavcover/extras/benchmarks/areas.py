@@ -73,6 +73,7 @@ mount = "stabilised"
 [limits]
 min_height_agl_m = {low_m}
 max_height_agl_m = {high_m}
+max_climb_angle_deg = 80.0
 height_margin_m = 0.9
 transit_clearance_m = 5.0
 fence_polygons_lon_lat_deg = {fence}
