@@ -21,7 +21,6 @@ import numpy as np
 from mission_io.errors import FormatError
 from mission_io.formats.dialects import sniff
 from mission_io.formats.text import clean_text
-from mission_io.links.base import Closing
 from uavcover.errors import OutputError, TrackError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import is_flight_time
@@ -101,7 +100,7 @@ class SpaceReserve:
 _WAYPOINT = COLUMNS.index("current_waypoint")
 
 
-class TrackWriter(Closing):
+class TrackWriter:
     """Writes samples as they come; each row is in the file as soon as it is given. A context manager.
 
     Args:
@@ -148,6 +147,12 @@ class TrackWriter(Closing):
             self._file.close()
         except OSError as error:
             raise self._failed(error) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def _write(self, line: str) -> None:
         rest = (line + "\n").encode("ascii")
