@@ -76,7 +76,7 @@ def test_what_was_derived_is_told(cli, tennessee, tmp_path):
         "height band",
         "photo distance",
         "line distance",
-        "pictures",
+        "photos",
         "batter",
         "home",
         "Next: uavcover plan",
@@ -154,7 +154,7 @@ def test_a_lake_in_a_hole_does_not_matter(cli, tmp_path):
     area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE))
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
     assert ended.code == 0, ended.err
-    assert "gaps in holes of the area" in ended.err
+    assert "gaps of up to 130 m in holes of the area" in ended.err
     site = load_site(tmp_path / "s.toml")
     assert 100.0 <= site.scenario.terrain.fill_no_data_m <= 150.0
     assert np.isfinite(site.ground.heights_m(site.area.centroid.coords[0])).all()
@@ -166,7 +166,7 @@ def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
     assert ended.code == 2
     assert (
-        "--fill-lakes 130m interpolates the gap, --water-height 0m treats it as the sea; or remove them from the area"
+        "--fill-lakes 130m interpolates the gap, --water-height 0m treats it as the sea; or remove it from the area"
         in ended.error
     )
     assert cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m").code == 0

@@ -60,12 +60,10 @@ def test_equal_on_one_thread_two_threads_and_one_core(cli: Cli, tmp_path: Path) 
 
 
 def test_rule_that_cannot_be_met_writes_the_best_and_ends_with_1(cli: Cli, tmp_path: Path) -> None:
-    scenario = corner_of_the_demo(tmp_path)
-    text = scenario.read_text()
-    scenario.write_text(text.replace("max_incidence_deg = 75.0", "max_incidence_deg = 42.0"))
-    ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "--select", "coverage>=1.0")
+    scenario, rule = corner_of_the_demo(tmp_path), "coverage>=0.9,done<=30s"
+    ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "--select", rule)
     assert ended.code == 1
-    assert "no route meets coverage>=1.0" in ended.err
+    assert f"no route meets {rule}; the best one was written" in ended.err
     assert plan_of(tmp_path / "run")["rule_met"] is False
 
 
@@ -73,7 +71,7 @@ def test_bounds_of_few_waypoints_are_there_without_being_asked(cli: Cli, tmp_pat
     base = ("plan", "paper-R2", "--algorithm", "imodbo", "--evaluations", 50, "-o", tmp_path / "run")
     ended = cli(*base)
     assert ended.code == 0
-    assert "fewest waypoints for 100.00 %: at least 16, found none; proved for lattice of 0.25 m" in ended.out
+    assert "most coverage with 26 waypoints: at most 100.00 %, found 90.46 %, gap 9.54 %" in ended.out
     entry = plan_of(tmp_path / "run")["bounds"]["fewest_waypoints"]
     assert (entry["at_least"], entry["found"], entry["gap"]) == (16.0, None, None)
     assert "--bounds: 'soon' is not a duration" in cli(*base, "--force", "--bounds", "soon").error

@@ -196,7 +196,7 @@ def test_ctrl_c_says_what_the_vehicle_holds(planned: Path) -> None:
     assert re.search(
         r"list is now mixed \(\d+ items, the first \d+ of which are new\); upload the list again, or clear it", err
     )
-    assert re.search(r"held now: 0: NAV_WAYPOINT \(16\) at 36\.\d+, -84\.\d+", err)
+    assert re.search(r"now on the vehicle: 0: NAV_WAYPOINT \(16\) at 36\.\d+, -84\.\d+", err)
     assert err.rstrip().endswith("interrupted")
     assert "Traceback" not in err
 

@@ -145,7 +145,7 @@ def test_wind_above_its_limits_blows_it_away_and_the_track_goes_to_the_end():
     assert outcome.ending is Ending.CRASHED, "its battery was empty"
     assert outcome.incidents[0].kind is Ending.WIND_ABOVE_LIMITS
     assert "off the planned leg to item 4" in text
-    assert any("leans by" in sign for sign in outcome.incidents[0].evidence)
+    assert any("tilted by" in sign for sign in outcome.incidents[0].evidence)
     assert "disarmed " in text
     assert "m above home, descending at" in text
     assert scene.samples[-1].time_s >= scene.vehicle.time_s - 5.0
