@@ -118,6 +118,7 @@ def test_planned_flights_stay_apart_whoever_is_late(vehicles: int) -> None:
     assert len(flights) >= vehicles
     timelines = [timeline_of(site, flight, autopilot="ardupilot") for flight in flights]
     starts = schedule(timelines, fleet)
+    assert {type(start.start_s) for start in starts} == {float}, "NumPy writes its own as np.float64(...)"
     assert min(start.start_s for start in starts) == 0.0
     assert len({start.vehicle for start in starts}) >= 2
     assert {start.vehicle for start in starts} <= set(range(vehicles))

@@ -169,7 +169,7 @@ def test_a_route_of_another_number_of_parts_is_refused(planned: RunFolder, tmp_p
     run = copied(planned, tmp_path)
     site = load_site(load_scenario(run.file("scenario.toml")))
     whole = read_members(run, site)[-1].route
-    with pytest.raises(InputError, match=r"the route has 1 parts, but the vehicles of jacksboro see 2 parts"):
+    with pytest.raises(InputError, match=r"the route has 1 parts, but the vehicles of jacksboro cover 2 parts of"):
         compile_flights(site, Route(whole.waypoints_m))
     path = run.file("pareto_routes.csv")
     path.write_text("\n".join(line.rpartition(",")[0] for line in path.read_text().splitlines()) + "\n")

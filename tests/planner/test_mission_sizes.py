@@ -30,7 +30,7 @@ from uavcover.sensing.site_maps import judging_map
 
 
 def small_battery(folder: Path, *, vehicles: int = 1) -> Site:
-    """The corner of the demo, flown by small batteries as parallel lines, which are found at once."""
+    """The corner of the demo, flown from one home by small batteries as parallel lines, found at once."""
     scenario = load_scenario(corner_of_the_demo(folder))
     return load_site(
         dataclasses.replace(
@@ -38,7 +38,7 @@ def small_battery(folder: Path, *, vehicles: int = 1) -> Site:
             area=dataclasses.replace(scenario.area, cell_size_m=10.0),
             vehicle=dataclasses.replace(scenario.vehicle, endurance_s=250.0),
             planner=dataclasses.replace(scenario.planner, algorithm="lines"),
-            fleet=dataclasses.replace(scenario.fleet, vehicles=vehicles, turnaround_s=90.0),
+            fleet=dataclasses.replace(scenario.fleet, vehicles=vehicles, turnaround_s=90.0, pad_spacing_m=0.0),
         )
     )
 

@@ -59,7 +59,7 @@ class _OrderSearch:
         self._fleet, self._vehicle_of = fleet, vehicle_of
         self.durations_s = [t.duration_s for t in timelines]
         late = late_s(np.array(self.durations_s), fleet)
-        self._busy_s = list(np.array(self.durations_s) + late + fleet.turnaround_s)
+        self._busy_s = (np.array(self.durations_s) + late + fleet.turnaround_s).tolist()
         self._unsafe: dict[tuple[int, int], FloatArray] = {
             (a, b): unsafe.between(timelines[a], timelines[b])
             for a, b in itertools.permutations(range(len(timelines)), 2)

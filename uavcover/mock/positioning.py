@@ -171,7 +171,7 @@ class TruthFile(Closing):
 
     def __call__(self, sample: TruthSample) -> None:
         """Write one sample."""
-        self._rows.writerow([repr(value) for value in astuple(sample)])
+        self._rows.writerow(astuple(sample))
 
     def close(self) -> None:
         """Close the file."""

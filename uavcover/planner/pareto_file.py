@@ -53,12 +53,11 @@ def pareto_csv(plan: Plan) -> str:
 
 def _pareto_values(member: RouteMember) -> list[Any]:
     m, size = member.metrics, member.mission
-    sized = ["", "", ""] if size is None else [size.sorties, size.vehicles, repr(size.makespan_s)]
+    sized = [None] * 3 if size is None else [size.sorties, size.vehicles, size.makespan_s]
     return [
-        repr(m.coverage_fraction), repr(m.coverage_of_coverable), m.waypoint_count, repr(m.path_length_m),
-        repr(m.flight_time_s), *("" if v is None else repr(v) for v in (m.mission_time_s, m.mission_energy_hover_s)),
-        *sized,
-        repr(m.min_height_agl_m), repr(m.max_height_agl_m), repr(member.violation), member.origin,
+        m.coverage_fraction, m.coverage_of_coverable, m.waypoint_count, m.path_length_m, m.flight_time_s,
+        m.mission_time_s, m.mission_energy_hover_s, *sized,
+        m.min_height_agl_m, m.max_height_agl_m, member.violation, member.origin,
     ]  # fmt: skip
 
 
@@ -71,7 +70,7 @@ def pareto_routes_csv(plan: Plan) -> str:
     for index, member in enumerate(plan.members):
         for number, point in enumerate(member.route.waypoints_m.tolist()):
             part = [1 + sum(number >= begin for begin in member.route.begins)] if in_parts else []
-            writer.writerow([index, number, *map(repr, point), *part])
+            writer.writerow([index, number, *point, *part])
     return out.getvalue()
 
 
