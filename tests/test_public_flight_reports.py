@@ -40,7 +40,7 @@ class FlightReport:
 REPORTS = (
     FlightReport(
         name="a camera stops", base=SURVEY, family="photos not reported", way="stopped after",
-        answer=r"^not proved: coverage \d\.\d+ % of the coverable area is below",
+        answer=r"^not proved: coverage \d\.\d+ % of the visible ground is below",
     ),
     FlightReport(
         name="a survey with losses on its link", base=SURVEY, family="honest", way="a quarter", answer="^passed",
@@ -59,7 +59,7 @@ REPORTS = (
     ),
     FlightReport(
         name="one flight as two logs", base=SURVEY, family="one flight twice", way="one of",
-        answer=r"^failed: the required overlap, 8 photos of every point, is achieved on 11\.",
+        answer=r"^failed: the required overlap, 8 photos of every point, is achieved on \d\.",
     ),
     FlightReport(
         name="bands of one camera", base=SURVEY, family="photos that are one look", way="bands",
