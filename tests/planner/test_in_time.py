@@ -21,6 +21,7 @@ from uavcover.model.no_fly import NoFly
 from uavcover.planner.budget import CommandTime
 from uavcover.planner.mission_sizes import with_sizes
 from uavcover.planner.plan_search import SearchRequest, plan, plan_and_site
+from uavcover.planner.search.optimizer_search import SearchProgress
 
 EFFORT = {"evaluations": 40, "workers": 1, "algorithm": "memetic", "select": "coverage>=0.9"}
 
@@ -44,7 +45,8 @@ class EndsAt:
     def any(self) -> bool:
         return False
 
-    def report(self, _progress: object) -> None:
+    def report(self, progress: SearchProgress) -> None:
+        self.evaluations = progress.evaluations
         self.left -= 1
         if self.left <= 0 and self.ready():
             raise StageOver
@@ -62,6 +64,7 @@ def test_a_search_that_is_ended_gives_its_incumbent(reports):
     result, _ = plan_and_site(site, request, should_stop=stops.any, on_progress=stops.report, kept=None, stops=stops)
     assert result.chosen.violation <= 0.0
     assert {member.origin for member in result.members} & {"memetic", "boustrophedon", "boustrophedon-tuned"}
+    assert result.evaluations == stops.evaluations
     assert not result.interrupted
 
 

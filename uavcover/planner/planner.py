@@ -94,18 +94,21 @@ class SoFar:
     Attributes:
         baselines: all of them.
         incumbent: the best route of the search; none before it.
+        evaluations: full route evaluations spent on it.
         judged: everything that is worth choosing from, once it is judged.
     """
 
     baselines: Sequence[Baseline] = ()
     incumbent: Route | None = None
+    evaluations: int = 0
     judged: Sequence[RouteMember] = ()
 
     def noting(self, on_progress: Callable[[SearchProgress], None]) -> Callable[[SearchProgress], None]:
-        """``on_progress``, and the incumbent is kept."""
+        """``on_progress``, and the incumbent and the evaluations are kept."""
 
         def note(progress: SearchProgress) -> None:
             self.incumbent = self.incumbent if progress.incumbent is None else progress.incumbent
+            self.evaluations = progress.evaluations
             on_progress(progress)
 
         return note
@@ -147,7 +150,7 @@ def plan_in_time(
     chosen = choose_at_once(fine, settings, rule, judged, interrupted=interrupted)
     return Plan(
         chosen=chosen.route, members=chosen.pareto, baselines=tuple(m for m in judged if m.origin != settings.algorithm),
-        rule=rule.text, rule_met=chosen.rule_met, algorithm=settings.algorithm, evaluations=effort.evaluations,
+        rule=rule.text, rule_met=chosen.rule_met, algorithm=settings.algorithm, evaluations=so_far.evaluations,
         wall_s=effort.now() - started, interrupted=interrupted,
     )  # fmt: skip
 
