@@ -395,9 +395,7 @@ def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | N
 
 def _shared(effort: Effort, share: float, started: float) -> Effort:
     """A share of the evaluations, or of the time, from now on."""
-    budget_s = effort.budget_s
-    if budget_s is not None:
-        budget_s = effort.now() - started + share * budget_s
+    budget_s = None if effort.budget_s is None else effort.now() - started + share * effort.budget_s
     return dataclasses.replace(effort, evaluations=int(share * effort.evaluations), budget_s=budget_s)
 
 
@@ -430,9 +428,7 @@ def _encoding(
 def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
     """Feasible first; then those that reach the required coverage, by length; then the others, by coverage."""
     asked = 1.0 if goal is None else goal
-    return sorted(
-        baselines, key=lambda b: (b.violation, max(0.0, asked + float(b.objectives[0])), float(b.objectives[2]))
-    )
+    return sorted(baselines, key=lambda b: (b.violation, max(0.0, asked + b.objectives[0]), b.objectives[2]))
 
 
 def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
