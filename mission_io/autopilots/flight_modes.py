@@ -78,7 +78,7 @@ def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
     """The heartbeat's ``custom_mode`` of a mode. Raises MisuseError: such a vehicle has no such mode."""
     number = _CUSTOM_MODES.get(autopilot.firmware, {}).get(mode)
     if number is None:
-        raise MisuseError(f"mission_io knows no {mode.value} mode of {autopilot.name}")
+        raise MisuseError(f"{autopilot.name} has no {mode.value} mode")
     return number
 
 

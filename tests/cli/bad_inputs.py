@@ -65,7 +65,7 @@ BAD = {
     "not an area": (("DEM", "OPTIONS"), ".tif is not a supported area format"),
     "no such model": (
         ("AREA", "--dem", "no.tif", "--camera", "m3e", "--gsd", "3cm"),
-        "no.tif: no such file; specify the elevation data",
+        "no.tif: no such file; specify elevation data",
     ),
     "a model that is none": (
         ("AREA", "--dem", "AREA", "--camera", "m3e", "--gsd", "3cm"),
@@ -73,7 +73,7 @@ BAD = {
     ),
     "a picture": (
         ("AREA", "--dem", "PICTURE", "--camera", "m3e", "--gsd", "3cm"),
-        "is an image (3 bands of 8 bits), not an elevation model",
+        "is an image (3 bands of 8 bits), not elevation data",
     ),
     "camera": (("AREA", "--dem", "DEM", "--camera", "dji-m33e", "--gsd", "3cm"), "did you mean dji-m3e"),
     "gsd without unit": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "3"), "has no unit; write it as 2.5cm"),
@@ -86,7 +86,7 @@ BAD = {
         "use less forward overlap, a coarser --gsd",
     ),
     "battery": (("AREA", "OPTIONS", "--battery", "25"), "has no unit; write it as 25min"),
-    "negative battery": (("AREA", "OPTIONS", "--battery", "-5min"), "must be above 0"),
+    "negative battery": (("AREA", "OPTIONS", "--battery", "-5min"), "must be greater than 0"),
     "vehicle": (("AREA", "OPTIONS", "--vehicle", "dji"), "did you mean dji-m3e"),
     "home": (("AREA", "OPTIONS", "--home", "here"), "write it as LAT,LON in degrees"),
     "home swapped": (
@@ -98,7 +98,7 @@ BAD = {
     "speed": (("AREA", "OPTIONS", "--speed", "fast"), "write it as 8m/s"),
     "speed beyond the vehicle": (
         ("AREA", "OPTIONS", "--vehicle", "px4", "--speed", "50km/h"),
-        "is more than the 12 m/s of px4",
+        "exceeds the maximum of px4, 12 m/s",
     ),
     "margin": (("AREA", "OPTIONS", "--margin", "some"), "write it as 40m"),
     "mount": (("AREA", "OPTIONS", "--mount", "loose"), "must be stabilised (a gimbal) or fixed"),
@@ -108,13 +108,13 @@ BAD = {
     "band": (("AREA", "OPTIONS", "--band", "7"), "has no band '7'; set terrain.band to one of: 1"),
     "lakes": (("AREA", "OPTIONS", "--fill-lakes", "all"), "write it as 200m"),
     "no tiles": (("AREA", "--dem", "none/*.hgt", "--camera", "m3e", "--gsd", "3cm"), "none/*.hgt contains no tile"),
-    "pattern": (("AREA", "OPTIONS", "--pattern", "grid"), "use single, crosshatch or oblique"),
+    "pattern": (("AREA", "OPTIONS", "--pattern", "grid"), "must be single, crosshatch or oblique"),
     "a fixed camera in an oblique set": (
         ("AREA", "OPTIONS", "--pattern", "oblique", "--mount", "fixed"),
         "use stabilised, or another --pattern",
     ),
     "feature": (("AREA", "OPTIONS", "--feature", "feild 1"), "did you mean 'field 1'?"),
-    "layer": (("AREA", "OPTIONS", "--layer", "x"), "omit the option"),
+    "layer": (("AREA", "OPTIONS", "--layer", "x"), "omit this option"),
     "crs": (("AREA", "OPTIONS", "--crs", "EPSG:x"), "use, for example, EPSG:32632"),
     "elsewhere": (("46.5,8.0,200", "OPTIONS"), "is outside the elevation data"),
     "beyond the model": (("36.48,-84.22,5km", "OPTIONS"), "the area reaches beyond the elevation data"),
@@ -161,7 +161,7 @@ DOOR = {
     "a camera in a folder": (("AREA", "--dem", "DEM", "--camera", "FOLDER", "--gsd", "3cm"), "--camera: "),
     "a box that is inside out": (("-84.21,36.49,-84.23,36.47", "OPTIONS"), "-84.21,36.49"),
     "a circle of nothing": (("36.48,-84.22,0", "OPTIONS"), "36.48,-84.22,0"),
-    "a polygon of nothing": (("POLYGON EMPTY", "OPTIONS"), "has no polygon (it has 1 empty shape)"),
+    "a polygon of nothing": (("POLYGON EMPTY", "OPTIONS"), "contains no polygons (only 1 empty shape)"),
     "a polygon that is cut off": (("POLYGON ((-84.2 36.4, -84.1", "OPTIONS"), "not valid WKT"),
     "an option without a value": (("AREA", "OPTIONS", "--at"), "requires an argument"),
 }  # fmt: skip
@@ -185,7 +185,7 @@ MODELS = {
 
 _SURFACE = ("AREA", "OPTIONS", "--dsm", "SURFACE")
 SURFACES = {
-    "no such surface model": ({"missing": True}, "surface.tif: no such file; specify the elevation data"),
+    "no such surface model": ({"missing": True}, "surface.tif: no such file; specify elevation data"),
     "a surface model that is the ground": ({"copied": True}, "is the same file as terrain.file"),
     "ground and surface swapped": ({"trees_m": -25.0}, "check that the files are not swapped"),
     "a surface model in feet": ({"factor": 1.0 / 0.3048}, "the surface seems to be in feet"),

@@ -136,7 +136,7 @@ def test_what_to_run_next_is_a_suggestion_as_of_other_commands(cli: Cli, torn: P
     """It was put behind the names of the written files."""
     own = torn / "gaps"
     *_, written, upload, fly, verify = cli("gaps", torn).out.splitlines()
-    assert written == f"written: {torn / 'gaps.geojson'}, {torn / 'gap_mission.waypoints'}"
+    assert written == f"wrote {torn / 'gaps.geojson'}, {torn / 'gap_mission.waypoints'}"
     assert upload == f"Next: uavcover plan-upload {own} --to URL"
     assert fly == f"      uavcover fly {own} --to URL"
     assert verify == f"      uavcover verify {torn} --log {torn / 'track.csv'} --log {own / 'track.csv'}"

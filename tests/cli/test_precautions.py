@@ -58,7 +58,7 @@ def test_without_a_terminal_it_needs_yes(tmp_path, monkeypatch, capsys):
 def test_on_breach_knows_four_words():
     assert [options.on_breach(word) for word in ("tell", "hold", "return", "land")] == list(OnBreach)
     assert options.on_breach(None) is None
-    with pytest.raises(InputError, match="--on-breach: 'fly' must be tell, hold, return or land"):
+    with pytest.raises(InputError, match="--on-breach: must be tell, hold, return or land, not 'fly'"):
         options.on_breach("fly")
 
 

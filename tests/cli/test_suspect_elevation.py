@@ -51,7 +51,7 @@ def test_a_void_hides_no_hill(cli: Cli, tmp_path: Path, value: float) -> None:
         assert "--trust-dem" in over[0]["do"]
         # No height over the void is the base of advice.
         assert not [one for one in ended.document["findings"] if "lower" in one["do"]]
-        assert "filled.tif has a block" in ended.err
+        assert "filled.tif contains a block" in ended.err
     ended = cli("check", hill(tmp_path), "--dem", dem, "--return-height", "70m", "--trust-dem", "--json")
     assert ended.document["verdict"] == "failed"
     assert any("lower there" in one["do"] for one in ended.document["findings"])

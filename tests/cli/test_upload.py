@@ -68,7 +68,7 @@ def test_bad_files(cli: Cli, tmp_path: Path, name: str, content: bytes, telling:
 
 
 def test_bad_usage(cli: Cli, planned: Path) -> None:
-    assert "cannot be read" in cli("upload", planned / "nope.plan", "--to", "mock:").error
+    assert "cannot read the file" in cli("upload", planned / "nope.plan", "--to", "mock:").error
     assert "--type" in cli("upload", planned / "mission.plan", "--to", "mock:", "--type", "geofence").error
     assert "one list" in cli("upload", planned / "mission.waypoints", "--to", "mock:", "--type", "all").error
 

@@ -81,13 +81,13 @@ def test_home_moved_lower_has_the_way_home_sent_again_with_its_planned_heights(a
     scene = scene_of(autopilot)
     outcome, _ = stopped(scene, lambda scene: second_station(scene, home_at(up=-25.0)))
     [text] = incident_texts(outcome, Ending.HOME_MOVED)
-    since = "at once" if autopilot is PX4 else "from the next item onwards"
+    since = "immediately" if autopilot is PX4 else "from the next item onwards"
     assert (
         f"moved 25.0 m lower in flight: {since}, the vehicle flies the remaining return 25.0 m lower than planned"
         in text
     )
     assert "its clearance above the ground changes from " in text
-    assert "are required" not in text, "the band is that of the route"
+    assert "is required" not in text, "the band is that of the route"
     told = scene.told(EventKind.STOP)
     assert any("home was moved by -25.0 m: the return is uploaded with corrected heights" in one for one in told)
     assert outcome.ending is Ending.RETURNED

@@ -69,7 +69,7 @@ def test_an_undisturbed_flight_has_no_word_of_it():
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "since"), [(ARDUPILOT, "from the next item onwards"), (PX4, "at once")], ids=["ArduPilot", "PX4"]
+    ("autopilot", "since"), [(ARDUPILOT, "from the next item onwards"), (PX4, "immediately")], ids=["ArduPilot", "PX4"]
 )
 def test_home_lower_is_told_with_the_clearance_that_is_left(autopilot, since):
     scene = scene_of(autopilot)

@@ -229,7 +229,8 @@ def test_exactly_as_often_as_needed_is_often_enough() -> None:
     ):
         check_telemetry(Telling(GlobalPositionInt=2))
     with pytest.raises(
-        VehicleError, match=r"the vehicle sends GlobalPositionInt 2\.0 .* and Attitude 0\.0 .* requires 5 and 2, so"
+        VehicleError,
+        match=r"the vehicle sends GlobalPositionInt 2\.0 .* and Attitude 0\.0 .* requires 5 and 2; .* was not started",
     ):
         check_telemetry(Telling(Attitude=0))
 

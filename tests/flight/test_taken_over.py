@@ -212,7 +212,7 @@ def test_a_pause_that_is_refused_ends_no_flight(monkeypatch):
     monkeypatch.setattr(FlightControl, "set_mode", refuses_guided_in_the_air)
     outcome, text = flown(scene, pause=lambda: (scene.monitor.time_s or 0.0) > 35.0)
     assert outcome.ending is Ending.LANDED, text
-    assert sum("refuses to hold" in told for told in scene.told(EventKind.WARNING)) == 1
+    assert sum("refused the command to hold" in told for told in scene.told(EventKind.WARNING)) == 1
 
 
 def test_a_vehicle_that_does_not_come_to_rest_is_flown_home_all_the_same():

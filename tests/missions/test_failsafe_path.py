@@ -210,5 +210,5 @@ def test_a_table_that_is_not_understood_is_refused(change, words):
     _check("px4", {"settings": {}, "failsafes": [rule]})
     with pytest.raises(UavcoverError, match=words):
         _check("px4", {"settings": {}, "failsafes": [{**rule, **change}]})
-    with pytest.raises(UavcoverError, match=r"px4\.settings\.height_m: this needs names"):
+    with pytest.raises(UavcoverError, match=r"px4\.settings\.height_m: set names"):
         _check("px4", {"settings": {"height_m": {"names": {}, "default": 1.0}}, "failsafes": []})

@@ -95,14 +95,14 @@ def test_the_flight_against_the_wind_takes_longer_and_counts_against_endurance()
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Wind(speed_m_s=-1.0), "speed_m_s: -1.0 must not be negative"),
-        (lambda: Wind(from_deg=400.0), "from_deg: 400.0 is outside"),
+        (lambda: Wind(speed_m_s=-1.0), "speed_m_s: must not be negative, but is -1.0"),
+        (lambda: Wind(from_deg=400.0), "from_deg: must be between -360 and 360 degrees, not 400.0"),
         (lambda: Vehicle(max_airspeed_m_s=5.0), "max_airspeed_m_s: must be at least cruise_speed_m_s = 10.0"),
         (lambda: Vehicle(acceleration_m_s2=0.0), "acceleration_m_s2: must be greater than 0"),
         (lambda: Vehicle(jerk_m_s3=-1.0), "jerk_m_s3: must be greater than 0"),
-        (lambda: Vehicle(max_mission_items=3), "max_mission_items: 3 is not enough for"),
-        (lambda: PlannerSettings(waypoint_price=-0.5), "waypoint_price: -0.5 must not be negative"),
-        (lambda: PlannerSettings(band_deviation_price=-1.0), "band_deviation_price: -1.0 must not be negative"),
+        (lambda: Vehicle(max_mission_items=3), r"max_mission_items: must be at least 8 .*, not 3"),
+        (lambda: PlannerSettings(waypoint_price=-0.5), "waypoint_price: must not be negative, but is -0.5"),
+        (lambda: PlannerSettings(band_deviation_price=-1.0), "band_deviation_price: must not be negative, but is -1.0"),
         (
             lambda: make_site(home=None, planner={"objective": "energy"}),
             r'planner\.objective: "energy" requires a \[home\], where the mission starts',

@@ -48,7 +48,7 @@ def test_px4_sends_the_bits_of_integers_and_ardupilot_their_values():
 
 
 def test_settings_refuse_what_makes_no_sense():
-    with pytest.raises(ValueError, match="cruise_m_s: 0 must be above 0"):
+    with pytest.raises(ValueError, match="cruise_m_s: must be greater than 0, not 0"):
         Settings(cruise_m_s=0)
 
 

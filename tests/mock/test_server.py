@@ -166,7 +166,11 @@ def test_places_that_have_spoken_are_not_remembered_without_end():
 
 
 @pytest.mark.parametrize(
-    ("options", "message"), [({"speed": 0.0}, "speed: 0.0 must be above 0"), ({"loss": 1.0}, "loss: 1.0 must be")]
+    ("options", "message"),
+    [
+        ({"speed": 0.0}, "speed: must be greater than 0, not 0.0"),
+        ({"loss": 1.0}, "loss: must be at least 0 and below 1, not 1.0"),
+    ],
 )
 def test_impossible_options_are_refused(options, message):
     with pytest.raises(InputError, match=message):

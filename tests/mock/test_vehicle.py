@@ -343,7 +343,7 @@ def test_flat_ground_does_not_stop_a_route_below_home():
 
 
 def test_settings_refuse_what_makes_no_sense():
-    with pytest.raises(ValueError, match="cruise_m_s: 0 must be above 0"):
+    with pytest.raises(ValueError, match="cruise_m_s: must be greater than 0, not 0"):
         Settings(cruise_m_s=0)
 
 

@@ -150,7 +150,7 @@ def test_given_homes_stay_and_get_parts(tmp_path: Path) -> None:
 
 def test_no_room_is_said_before_the_search(tmp_path: Path) -> None:
     site = corner(tmp_path, 3, max_pad_slope_deg=0.5)
-    with pytest.raises(ScenarioError, match=r"beside \[home\] there is room for 1 of 3 pads"):
+    with pytest.raises(ScenarioError, match=r"beside \[home\] there is room for only 1 of 3 pads"):
         plan(site, tmp_path / "run")
     assert not (tmp_path / "run" / "plan.json").exists()
 

@@ -297,13 +297,13 @@ def test_a_limit_for_the_waypoints_alone_is_reported_by_waypoint() -> None:
         limits=limits,
         planner={"encoding": "waypoints", "max_waypoints": 3},
     )
-    with pytest.raises(InfeasibleError, match=r"violates: waypoint \d: (above sea-level|too low).*m"):
+    with pytest.raises(InfeasibleError, match=r"violates one: waypoint \d: (above sea-level|too low).*m"):
         make_plan(site, evaluations=20)
 
 
 def test_interrupted_before_anything_feasible_says_so() -> None:
     fence = ((-200.0, -50.0), (100.0, -50.0), (100.0, 250.0), (-200.0, 250.0))
-    with pytest.raises(InfeasibleError, match=r"^interrupted: so far no route meets the limits"):
+    with pytest.raises(InfeasibleError, match=r"^interrupted: so far no route meets the scenario's limits"):
         make_plan(make_site(fence=fence), should_stop=lambda: True)
 
 
@@ -335,6 +335,6 @@ def test_an_obstacle_that_leaves_no_room_is_named() -> None:
         obstacles=Obstacles(prisms=(tower(-50, -50, 350, 250, 200, name="hangar"),)),
         planner={"encoding": "waypoints", "max_waypoints": 3},
     )  # fmt: skip
-    words = r"violates: waypoint \d: \d+\.\d m too close to obstacle 'hangar' at .*; allow smaller obstacles\.clearance_beside_m"
+    words = r"violates one: waypoint \d: \d+\.\d m too close to obstacle 'hangar' at .*; allow smaller obstacles\.clearance_beside_m"
     with pytest.raises(InfeasibleError, match=words):
         make_plan(site, evaluations=20)

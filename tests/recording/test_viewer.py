@@ -86,7 +86,7 @@ def fake_viewer(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> N
     [
         ("import sys; sys.exit('Error: No graphics adapter was found')", "no graphics driver.*mesa-vulkan-drivers"),
         ("import sys; sys.exit('panicked at: Failed to get render context')", "no graphics driver"),
-        ("import sys; sys.exit('Error: no X server')", r"ended with code 1 \(Error: no X server\)"),
+        ("import sys; sys.exit('Error: no X server')", r"the viewer ended with exit code 1 \(Error: no X server\)"),
         ("import sys; sys.exit('broken')", r"the viewer ended with exit code 1 \(broken\)"),
     ],
 )

@@ -20,8 +20,8 @@ def test_members_come_back(run: RunFolder) -> None:
     ("old", "new", "message"),
     [
         ("coverage_fraction,", "share,", "has no column 'coverage_fraction'"),
-        ("\n1,0.5,0.5", "\n1,0.5,half", "line 3: this is not a member"),
-        ("\n1,0.5,0.5", "\n1,0.5,nan", "line 3: a figure is not a finite number"),
+        ("\n1,0.5,0.5", "\n1,0.5,half", "line 3: cannot read the row as a member"),
+        ("\n1,0.5,0.5", "\n1,0.5,nan", "line 3: a value is not a finite number"),
         ("\n1,0.5,0.5", "\n1,0.5\xff,0.5", None),
     ],
 )

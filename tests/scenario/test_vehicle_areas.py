@@ -93,7 +93,7 @@ def test_parts_that_do_not_fit_are_refused_by_name_and_amount():
     assert "vehicle.2: the others cover the whole [area]" in refusal(
         (0.0, 0.0, 150.0, 200.0), (150.0, 0.0, 300.0, 200.0), None
     )
-    assert "vehicle.0.area to vehicle.1.area: 19600 square metres of [area] belong to no vehicle" in refusal(
+    assert "vehicle.0.area to vehicle.1.area: no vehicle covers 19600 square metres of [area]" in refusal(
         (0.0, 0.0, 100.0, 200.0), (200.0, 0.0, 300.0, 200.0)
     )
     assert "vehicle.1.area: this area is at most 1 m wide" in refusal(None, (0.0, 0.0, 0.5, 200.0))

@@ -107,7 +107,7 @@ def test_one_that_never_comes_near_the_planned_pace(speed_m_s: float, slow: bool
     said = doubt(*steady((0.0, speed_m_s, 0.0)), LONG_LEG)
     if slow:
         assert said is not None
-        assert "never flies faster than 3.9 m/s instead of the planned 10.0 m/s; the clock" in said
+        assert "never flies faster than 3.9 m/s instead of the planned 10.0 m/s; its clock" in said
     else:
         assert said is None
     # For a moment is enough.

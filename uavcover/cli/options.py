@@ -32,7 +32,7 @@ class Overview(TyperGroup):
                 continue
             title, group = "" if of_group == group else of_group, of_group
             formatter.write(f"{title:10}{name:15}{short}\n")
-        formatter.write("COMMAND --help shows its options (all have --json, -q, -v). --install-completion\n")
+        formatter.write("COMMAND --help lists its options (all: --json, -q, -v). --install-completion\n")
 
 
 if TYPE_CHECKING:

@@ -229,7 +229,8 @@ class Follower:
             then = "uavcover plans the return again: press Ctrl-C to keep the vehicle holding"
         session.tell(
             EventKind.STOP,
-            f"the vehicle now holds its position in {session.mode_name} up to {session.timeouts.held_s:g} s, then {then}",
+            f"the vehicle now holds its position in {session.mode_name} for up to {session.timeouts.held_s:g} s, then "
+            f"{then}",
         )
 
     def _land(self, breach: Ending) -> None:

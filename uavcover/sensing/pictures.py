@@ -79,7 +79,7 @@ def overlap_rule(sensor: Sensor) -> str | None:
     >>> from uavcover.model.sensor import FrameCamera
     >>> overlap_rule(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
     ...                          forward_overlap=0.75, side_overlap=0.7))
-    '75 % forward puts a point in at least 4 photos of a swath, 70 % side in at least 3 swaths: 4 x 3 = 12 photos'
+    '75 % forward: a point is in at least 4 photos of a swath; 70 % side: a point is in at least 3 swaths; 4 x 3 = 12 photos'
     """
     asked = pictures_asked(sensor)
     if asked is None:
@@ -90,7 +90,7 @@ def overlap_rule(sensor: Sensor) -> str | None:
         f"{100.0 * forward:g} % forward: a point is in at least {asked // lines} photos of a swath",
         f"{100.0 * side:g} % side: a point is in at least {lines} swaths",
     )
-    return f"{', '.join(words)}: {asked // lines} x {lines} = {asked} photos"
+    return f"{'; '.join(words)}; {asked // lines} x {lines} = {asked} photos"
 
 
 def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> SensorPoses:

@@ -82,4 +82,6 @@ def test_bad_usage_is_one_line(cli: Cli, data: Path, tmp_path: Path) -> None:
         in cli("bench", "areas", data, "--capacity", 60, "-o", tmp_path / "other", "--processes", 1).error
     )
     (data / "AC1_0000" / "holes").write_text("10 x\n")
-    assert "cannot be read" in cli("bench", "areas", data, "-o", tmp_path / "out", "--processes", 1).error
+    assert (
+        "AC1_0000: cannot read the area" in cli("bench", "areas", data, "-o", tmp_path / "out", "--processes", 1).error
+    )

@@ -98,7 +98,10 @@ def test_the_command_plans_a_short_tour_keeps_it_and_goes_on(cli: Cli, data: Pat
 
 def test_bad_usage_is_one_line(cli: Cli, data: Path, tmp_path: Path) -> None:
     arguments = ("-o", tmp_path / "out", "--processes", 1)
-    assert "no benchmark.json.gz" in cli("bench", "cetsp", tmp_path / "none", *arguments).error
+    assert (
+        "none: benchmark.json.gz (d-krupke/close-enough-tsp) not found"
+        in cli("bench", "cetsp", tmp_path / "none", *arguments).error
+    )
     assert "--names: unknown: 'five'" in cli("bench", "cetsp", data, "--names", "five", *arguments).error
     (data / "solutions" / "benchmark" / "four.txt").write_text("value : 32\n0,1\n0 a b\n")
     assert "four.txt: cannot read" in cli("bench", "cetsp", data, *arguments).error

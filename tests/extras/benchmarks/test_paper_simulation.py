@@ -152,7 +152,7 @@ class TestKeptRuns:
         for _ in range(2):
             with KeptRuns(tmp_path / "new", SMALL).reserved():
                 pass
-        with pytest.raises(InputError, match="with population 20, iterations 3, not with population 50"):
+        with pytest.raises(InputError, match="use population 20, iterations 3, not population 50;"):
             KeptRuns(tmp_path / "new", {"population": 50}).reserved().__enter__()
 
     def test_a_folder_of_something_else_is_refused(self, tmp_path: Path) -> None:

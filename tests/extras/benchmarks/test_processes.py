@@ -69,7 +69,7 @@ def test_an_error_comes_through() -> None:
 
 
 def test_a_killed_process_is_told_with_its_task() -> None:
-    with pytest.raises(UavcoverError, match=r"^5: its process was killed"):
+    with pytest.raises(UavcoverError, match=r"^5: the process was killed"):
         list(completed(die, [5], processes=1))
 
 

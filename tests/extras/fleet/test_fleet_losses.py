@@ -144,7 +144,7 @@ def test_a_gain_is_a_waypoint_or_a_part_of_a_leg(tmp_path: Path) -> None:
 def test_an_empty_battery_does_not_keep_the_others_waiting(tmp_path: Path) -> None:
     """Before the first take-off none starts; later its sorties go to the others."""
     told = fly_script(jobs_of(tmp_path), {}, percent={2: 40})
-    assert sum("change the battery" in line for line in told.lines) == 1
+    assert sum("for sortie 2; change the battery" in line for line in told.lines) == 1
     assert told.landed() == {"001", "002+", "003", "004"}
     assert told.record("002").began_s is None
     told = fly_script(jobs_of(tmp_path / "b"), {}, percent={1: 40})

@@ -234,7 +234,7 @@ def test_what_parts_cannot_be_planned_for_is_refused(planner, parts, words) -> N
 
 @pytest.mark.parametrize("parts", [0, -3])
 def test_no_part_is_no_division(parts) -> None:
-    with pytest.raises(InputError, match=f"parts: {parts} is below 1"):
+    with pytest.raises(InputError, match=f'parts: must be "auto" or at least 1, not {parts}'):
         plan(make_site(), SearchRequest(parts=parts))
 
 

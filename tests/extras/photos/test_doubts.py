@@ -89,7 +89,7 @@ def test_one_height_alone_tells_nothing_of_the_other():
 
 
 def test_pictures_under_the_ground_are_told():
-    assert "20 of 20 photos are below the ground" in doubts(line(), ground_m=90.0)[0]
+    assert "20 of 20 photos are below ground" in doubts(line(), ground_m=90.0)[0]
 
 
 def survey(rng, *, by, lines=5, a_line=15, names=True, times=True):

@@ -286,7 +286,7 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", AREA, "--scenario", "x.toml"), "specify either --area"),
         (("--scenario", "jacksboro", "--gsd", "2cm"), "--gsd requires --area"),
         (("--area", AREA), "--dem"),
-        (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 must be above 0"),
+        (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: must be above 0 and at most 1, not 98"),
         (("--area", AREA, "--dem", DEM, "--angle-error", "-1"), "--angle-error"),
         (("--area", AREA, "--dem", DEM, "--takeoff", "0,0"), "--takeoff: 0, 0 is outside"),
         (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no photo was taken with this camera"),
@@ -295,7 +295,7 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: this option requires --detection"),
         (("--area", AREA, "--dem", DEM, "--pod", "80", "--detection", "person"), "--pod: 80 is not a probability"),
         (("--area", AREA, "--dem", DEM, "--pod", "nan", "--detection", "person"), "--pod: nan is not a probability"),
-        (("--area", AREA, "--dem", DEM, "--detection", "dog"), "--detection: 'dog' is not known"),
+        (("--area", AREA, "--dem", DEM, "--detection", "dog"), "--detection: unknown name 'dog'"),
         (("--area", AREA, "--dem", DEM, "--detection", "no.toml"), "cannot read no.toml"),
     ],
 )
@@ -326,7 +326,7 @@ def test_photos_without_places_say_what_to_give(cli, tmp_path):
     write_jpeg(tmp_path / "DCIM_0001.jpg")
     ended = cli("judge-photos", tmp_path, "--area", AREA, "--dem", DEM, "-o", tmp_path / "out")
     assert ended.code == 2
-    assert "no position; add a list of their positions (geo.txt, .csv, .MRK or the flight's log)" in ended.err
+    assert "no position); add a list of their positions (geo.txt, .csv, .MRK or the flight's log)" in ended.err
 
 
 @pytest.mark.parametrize("gsd", [(), ("--gsd", "2.5cm")])

@@ -149,7 +149,7 @@ BAD = {
     "geo.txt": ("EPSG:99999999\na 1 2 3\n", "not a projection"),
     "words.txt": ("EPSG:4326\na b c\n", "line 2"),
     "list.json": ("{}", "not an ODM list"),
-    "torn.json": ("[", "cannot read the file as JSON"),
+    "torn.json": ("[", "the file is not valid JSON"),
     "a.MRK": ("1 2 3\n", "not a row of a DJI image log"),
     "a.csv": ("a,b\n1,2\n", "no column for name, lat_deg, lon_deg, alt_m"),
     "b.csv": ("name,lat,lon,alt\nx,1,2,high\n", "line 2: alt_m: 'high'"),

@@ -65,9 +65,9 @@ def test_terrain_files_are_written_and_not_replaced(cli: Cli, tmp_path: Path) ->
         ((AREA, "--dat", "x"), "--dat: this option requires elevation data; add --dem"),
         ((AREA, "--dem", "nowhere"), "--dem: nowhere: no such file or folder"),
         ((AREA, "--around", "far"), "--around"),
-        ((AREA, "--dem", DEM, "--dat", "x", "--spacing", "0"), "--spacing: 0 m is not between 10 and 1000"),
-        ((AREA, "--dem", DEM, "--dat", "x", "--spacing", "65535"), "--spacing: 65535 m is not between 10 and 1000"),
-        (("-60,-60,60,60",), "use a part of it"),
+        ((AREA, "--dem", DEM, "--dat", "x", "--spacing", "0"), "--spacing: must be 10 to 1000 m, not 0 m"),
+        ((AREA, "--dem", DEM, "--dat", "x", "--spacing", "65535"), "--spacing: must be 10 to 1000 m, not 65535 m"),
+        (("-60,-60,60,60",), "the area spans 14884 tiles of 1 degrees; use a part"),
         (("36.45,-85.8,1500", "--dem", DEM, "--dat", "x"), "no height in any terrain block"),
     ],
 )

@@ -47,7 +47,7 @@ def test_json_has_the_counts_and_the_end_of_the_data_is_said() -> None:
         ((), 2, "--dem: specify elevation data"),
         (("--dem", "nowhere.tif"), 2, "nowhere.tif: no such file"),
         (("--dem", "tests/naive"), 2, "contains no tile"),
-        (("--dem", "README.md"), 2, "README.md: cannot read the file as elevation data"),
+        (("--dem", "README.md"), 2, "README.md: the file cannot be read as elevation data"),
         (("--dem", DEM, "--vertical-datum", "WGS84"), 2, "must be EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"),
         (("--dem", DEM, "--vertical-datum", "EGM2008"), 2, "omit this option"),
         (("--dem", DEM, "--height-unit", "fathoms"), 2, "unknown unit 'fathoms'; use m, dm, cm, ft or us-ft"),

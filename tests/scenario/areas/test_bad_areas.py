@@ -267,7 +267,7 @@ def test_a_layer_that_is_not_there_is_named_before_systems_that_differ(tmp_path)
     written.gis(tmp_path / "a.gpkg", parts, 4326, driver="GPKG", layer="fields")
     written.gis(tmp_path / "a.gpkg", parts, 32616, driver="GPKG", layer="forest")
     assert "a.gpkg: the layers (fields, forest) differ" in refused(tmp_path, "a.gpkg")
-    assert "a.gpkg: the file has no layer 'meadow', and the layers (fields, forest) have" in refused(
+    assert "a.gpkg: the file has no layer 'meadow', and the layers (fields, forest) differ" in refused(
         tmp_path, "a.gpkg", layer="meadow"
     )
 
