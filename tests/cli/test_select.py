@@ -59,7 +59,7 @@ def test_the_report_of_a_plan_that_was_not_flown_goes_with_its_route(cli: Cli, p
     assert not (planned / "report.html").exists()
     (planned / "report.html").write_text("of a flight")
     (planned / "verification.json").write_text("{}")
-    assert "report.html, verification.json would be overwritten" in cli("select", planned, "max-coverage").error
+    assert "already contains report.html, verification.json" in cli("select", planned, "max-coverage").error
 
 
 def test_errors_change_nothing(cli: Cli, planned: Path, tmp_path: Path) -> None:

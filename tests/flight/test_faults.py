@@ -158,7 +158,7 @@ def test_the_record_of_a_changed_mission_names_no_planned_waypoints():
     assert changed.begin_s is not None
     assert {s.current_waypoint for s in scene.samples if s.time_s > changed.begin_s + 0.2} == {-1}
     assert any(
-        "further change to the vehicle's mission: count is 8, planned is 9" in text
+        "further change to the vehicle's mission: count is 8 instead of 9" in text
         for text in scene.told(EventKind.WARNING)
     )
 

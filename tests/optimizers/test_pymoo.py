@@ -118,7 +118,7 @@ class TestTheirsInOurs:
             "o.ALGORITHMS['nsga2']([0], [1], n_objectives=2, seed=1).ask()"
         )
         ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-        assert "OptimizerError: NSGA2 needs pymoo" in ran.stderr
+        assert "OptimizerError: NSGA2 requires pymoo (" in ran.stderr
 
 
 class TestWeights:

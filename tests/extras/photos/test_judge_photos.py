@@ -275,7 +275,7 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
     assert ended.code in (0, 1)
     take(tmp_path / "DCIM", [(lat, lon, alt - 200.0, yaw, t) for lat, lon, alt, yaw, t in flown])
     ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--no-refly", "--force")
-    assert "below the ground" in ended.err
+    assert "photos are below ground" in ended.err
     assert ended.code == 1
 
 

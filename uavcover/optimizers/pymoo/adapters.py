@@ -32,7 +32,7 @@ def pymoo_missing(what: str, reason: ImportError) -> OptimizerError:
     """The error to raise when ``what`` cannot import pymoo.
 
     >>> print(pymoo_missing("NSGA2", ImportError("No module named 'pymoo'")))
-    NSGA2 needs pymoo (No module named 'pymoo'): pip install pymoo
+    NSGA2 requires pymoo (No module named 'pymoo'); install it with: pip install pymoo
     """
     return OptimizerError(f"{what} requires pymoo ({reason}); install it with: pip install pymoo")
 
