@@ -335,6 +335,8 @@ def test_an_obstacle_that_leaves_no_room_is_named() -> None:
         obstacles=Obstacles(prisms=(tower(-50, -50, 350, 250, 200, name="hangar"),)),
         planner={"encoding": "waypoints", "max_waypoints": 3},
     )  # fmt: skip
-    words = r"one: waypoint \d: \d+\.\d m too close to obstacle 'hangar' at .*; allow smaller obstacles\.clearance_beside_m"
+    words = (
+        r"one: waypoint \d: \d+\.\d m too close to obstacle 'hangar' at .*; allow smaller obstacles\.clearance_beside_m"
+    )
     with pytest.raises(InfeasibleError, match=words):
         make_plan(site, evaluations=20)
