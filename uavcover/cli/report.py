@@ -13,7 +13,7 @@ from uavcover.cli import options
 def inspect(
     run: Annotated[Path, typer.Argument(help="Run folder with flight.rrd, or a .rrd file.")],
     *,
-    text: Annotated[bool, typer.Option("--text", help="Print the content of the recording.")] = False,
+    text: Annotated[bool, typer.Option("--text", help="Print the contents of the recording.")] = False,
     screenshot: Annotated[
         Path | None, typer.Option(help="Write a screenshot. This works without a display.", metavar="FILE.png")
     ] = None,
