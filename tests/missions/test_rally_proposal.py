@@ -13,7 +13,8 @@ from uavcover.model.scenario import PlannerSettings
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, build_site
 
-ROUTE = route((20, 150, 160), (200, 150, 160), (260, 150, 80), (260, 50, 80), (200, 50, 80))
+ROUTE = route((20, 150, 160), (200, 150, 160), (260, 150, 80), (260, 50, 80), (200, 50, 160), (20, 50, 160))
+"""To the far side of the ridge and back, so that the return transit has no ridge below it."""
 
 
 def walled(**vehicle: float) -> Site:

@@ -24,6 +24,27 @@ def best_open_tour_length(points, first):
     return min(path_length([points[i] for i in (first, *order)]) for order in itertools.permutations(rest))
 
 
+def shortest_between(along, lower, upper, first):
+    """Length of the shortest line between two bounds: Dijkstra's over the ends of both that see each other. O(n^3)."""
+    places = [
+        (along[0], first),
+        *((x, z) for x, ends in zip(along[1:], zip(lower[1:], upper[1:], strict=True), strict=True) for z in ends),
+    ]
+
+    def sees(p, q):
+        share = [(x - p[0]) / (q[0] - p[0]) for x in along]
+        return all(
+            low - 1e-9 <= p[1] + t * (q[1] - p[1]) <= high + 1e-9
+            for t, low, high in zip(share, lower, upper, strict=True)
+            if 0.0 < t < 1.0
+        )
+
+    best = {places[0]: 0.0}
+    for q in places[1:]:  # from left to right
+        best[q] = min((best[p] + math.dist(p, q) for p in best if p[0] < q[0] and sees(p, q)), default=math.inf)
+    return min(best[place] for place in places if place[0] == along[-1])
+
+
 def distance_to_polyline(point, polyline):
     """By ternary search: the distance along a straight segment has one minimum."""
     best = min((math.dist(point, corner) for corner in polyline), default=math.inf)

@@ -8,7 +8,7 @@ import shapely
 
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.route import follow_terrain
+from uavcover.kernels.profile import shortest_profile
 from uavcover.missions.leg_checks import LegProblem, find_problems
 from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
 from uavcover.scenario.airspace.way_round import WayRound
@@ -16,7 +16,8 @@ from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import LocalFrame
 
-_TRANSIT_TOLERANCE_M = 15.0
+_ROOM_M = 5.0
+"""How far a transit stays inside its limits of height where it can, so that a few straight legs do."""
 _TRANSIT_SLACK_M = 1.0
 """Added to the target height of a transit, for ground between two samples and for rounding."""
 _SAMPLE_SPACING_M = 5.0
@@ -44,7 +45,8 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     """Plan a transit over the terrain between the column above home and a point.
 
     It keeps the transit clearance plus the height margin, which allows for tracking errors in flight, and passes over
-    obstacles. It is straight on the map where no no-fly zone and no bay of the fence is in the way, and else leads around them.
+    obstacles. Within these limits and below its ceiling it climbs as little as it can. It is straight on the map where no
+    no-fly zone and no bay of the fence is in the way, and else leads around them.
 
     Args:
         site: the scenario on its ground.
@@ -123,15 +125,9 @@ def _ways_round(site: Site) -> list[WayRound]:
 
 def _along(site: Site, corners_m: FloatArray, end_m: FloatArray, ground_end_height_m: float) -> FloatArray:
     """(m, 3) ENU of a transit along (k, 2) corners from the column to a point."""
-    limits = site.scenario.limits
-    wanted_m = limits.transit_clearance_m + limits.height_margin_m
-    height_m = float(site.ground.heights_agl_m(end_m)[0])
-    points, highest_m = _over_terrain(site, corners_m, (ground_end_height_m, height_m))
-    if highest_m > _planned_highest_agl_m(site) and height_m > wanted_m:
-        # Over a gorge the height of the route's end is too much: go low, and climb to the end where it is.
-        low_points, low_m = _over_terrain(site, corners_m, (ground_end_height_m, 0.0))
-        if low_m < highest_m:
-            points = low_points
+    points = _over_terrain(
+        site, corners_m, (float(site.ground.heights_m(corners_m[0])[0]) + ground_end_height_m, float(end_m[2]))
+    )
     if abs(points[-1, 2] - end_m[2]) <= _COLUMN_M:
         # Close enough: end at the point itself; the slope changes negligibly.
         points[-1] = end_m
@@ -139,32 +135,30 @@ def _along(site: Site, corners_m: FloatArray, end_m: FloatArray, ground_end_heig
     return np.vstack([points, end_m])
 
 
-def _over_terrain(site: Site, corners_m: FloatArray, heights_agl_m: tuple[float, float]) -> tuple[FloatArray, float]:
-    """(m, 3) ENU along (k, 2) corners, at these heights at the ends, higher where necessary; and its greatest height."""
+def _over_terrain(site: Site, corners_m: FloatArray, ups_m: tuple[float, float]) -> FloatArray:
+    """(m, 3) ENU along (k, 2) corners with the least climb, at these up coordinates at its ends where the limits allow them."""
     limits, obstacles = site.scenario.limits, site.scenario.obstacles
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
     aim_m = wanted_m + _TRANSIT_SLACK_M
-    flown_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners_m, axis=0).T))])
     for attempt in range(5):
-        points = follow_terrain(
+        points = shortest_profile(
             site.ground.surface,
             np.ascontiguousarray(corners_m),
-            np.interp(flown_m, flown_m[[0, -1]], [heights_agl_m[0], max(heights_agl_m[1], aim_m)]),
+            ups_m,
             aim_m,
-            5_000.0,
+            max(_planned_highest_agl_m(site), aim_m),
             math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
-            _TRANSIT_TOLERANCE_M,
+            _ROOM_M,
             _SAMPLE_SPACING_M / 2.0**attempt,
             obstacles.clearance_beside_m,
             obstacles.clearance_above_m + (limits.height_margin_m if site.prisms else 0.0),
         )
-        ranges = site.ground.leg_height_ranges_m(points)
-        lowest = float(ranges[:, 0].min())
+        lowest = float(site.ground.leg_height_ranges_m(points)[:, 0].min())
         if not lowest < wanted_m:
             break
         # The ground rises between two samples by more than the slack: try again, higher and with denser samples.
         aim_m += wanted_m - lowest + _TRANSIT_SLACK_M
-    return points, float(ranges[:, 2].max())
+    return points
 
 
 def check_way_there(site: Site, way_m: FloatArray) -> None:

@@ -253,7 +253,7 @@ def test_a_plan_that_no_flight_with_stops_completes() -> None:
 def test_too_few_points_for_any_leg() -> None:
     site = make_site(hills)
     with pytest.raises(InfeasibleError, match=r"the leg to waypoint \d+: a sortie with this part alone has \d+ points"):
-        flight_files(site, there_and_back(site), request(most_points=4))
+        flight_files(site, there_and_back(site), request(most_points=3))
 
 
 @pytest.mark.parametrize(
