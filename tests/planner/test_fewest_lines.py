@@ -3,20 +3,16 @@
 import itertools
 import math
 
-import numpy as np
 import pytest
 
 from tests.planner.sites import flat, hills, make_site
-from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import (
     PLAIN_TOLERANCE_M,
-    Baseline,
     best_height_agl_m,
     boustrophedons,
     evaluated,
     fewest_lines,
     taken,
-    taken_until_near,
 )
 from uavcover.planner.baselines.swaths import fly_layout, is_same_direction, long_side_angle_rad, regular_layout
 from uavcover.sensing.site_maps import planning_map
@@ -78,28 +74,3 @@ def test_lines_along_an_edge_are_tried_besides_turns_of_the_long_side() -> None:
     for found in (boustrophedons(coverage), list(fewest_lines(coverage, 0.95))):
         angles = [each.layout.angle_rad for each in found if each.layout is not None]
         assert any(is_same_direction(angle, edge) for angle in angles)
-
-
-@pytest.mark.parametrize(
-    ("known", "stop_after", "numbers"),
-    [
-        ([(0.5, 0.0)], 9, [1, 2]),
-        ([(0.99, 1.0)], 9, [1, 2]),
-        ([(0.96, 0.0)], 9, []),
-        ([], 1, [1]),
-        ([], 0, []),
-    ],
-    ids=["until one is near", "what breaks a limit is not near", "one is near already", "time is over", "at once"],
-)
-def test_lines_are_taken_until_some_that_keep_the_limits_are_near_the_goal(
-    known: list[tuple[float, float]], stop_after: int, numbers: list[int]
-) -> None:
-    """Three lines, which see 0.7, 0.96 and 0.97 of 0.98."""
-    route = Route(np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0]]))
-
-    def lines(seen: float, violation: float) -> Baseline:
-        return Baseline("", route, None, np.array([-seen, 2.0, 100.0]), violation)
-
-    tuned, asked = [lines(seen, 0.0) for seen in (0.7, 0.96, 0.97)], itertools.count()
-    found = taken_until_near(iter(tuned), [lines(*each) for each in known], 0.98, lambda: next(asked) >= stop_after)
-    assert [1 + tuned.index(each) for each in found] == numbers

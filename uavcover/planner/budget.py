@@ -22,8 +22,7 @@ class Shares:
 
     Attributes:
         baselines: initial solutions, at most, where an optimizer follows alone; ...
-        baselines_before_lines: ... where other lines and a local search follow; ...
-        baselines_before_fewest: ... and where the most useful lines come first: those that are left come after the search.
+        baselines_before_lines: ... where other lines and a local search follow; lines that are left then come after the search.
         cut_lines: lines cut at holes and no-fly zones, after these.
         optimizer: of a memetic search, before the local search; the other algorithms are one of the two alone.
         bent_lines: lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres all of them take
@@ -63,7 +62,6 @@ class Shares:
 
     baselines: float = 0.5
     baselines_before_lines: float = 0.1
-    baselines_before_fewest: float = 0.01
     cut_lines: float = 0.15
     optimizer: float = 0.05
     bent_lines: float = 0.01

@@ -24,7 +24,6 @@ from uavcover.planner.baselines.boustrophedon import (
     Baseline,
     fewest_lines,
     taken,
-    taken_until_near,
 )
 from uavcover.planner.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
@@ -217,23 +216,16 @@ def plan_routes(
     tuned = None
     along_contours = "contour-lines" in initial_names(coarse, settings)
     if other_lines and goal is not None and effort.budget_s is not None and not along_contours:
-        tuned, baseline_share = fewest_lines(coarse, goal), SHARES.baselines_before_fewest
+        tuned = fewest_lines(coarse, goal)
     times = StageTimes(time.monotonic, effort.budget_s)
     before = effort.now()
-    with times.stage("initial solutions", SHARES.baselines_before_lines if tuned is not None else baseline_share):
+    with times.stage("initial solutions", baseline_share):
         baselines = constructed_routes(
             coarse, settings, asked=rule.required_coverage, executor=executor,
             should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share), tuned=tuned,
         )  # fmt: skip
         if so_far is not None:
             so_far.baselines, on_progress = baselines, so_far.noting(on_progress)
-        if tuned is not None and goal is not None:
-            baselines += taken_until_near(
-                tuned,
-                baselines,
-                goal,
-                lambda: should_stop() or effort.is_over(started, share=SHARES.baselines_before_lines),
-            )
         if other_lines and goal is not None and cut_lines.needs_cuts(site):
             baselines += cut_lines.cut_baselines(
                 coarse, goal, lambda: should_stop() or effort.is_over(started, share=SHARES.cut_lines)
