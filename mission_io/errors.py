@@ -54,6 +54,7 @@ class TransferError(MissionIoError):
     Attributes:
         vehicle_holds: What the vehicle holds now, as far as it is known.
         held_items: The MissionItems read back from it, as on the wire; None when they could not be read.
+        refusal: The MAV_MISSION_RESULT with which the vehicle refused; None when the transfer ended otherwise.
     """
 
     def __init__(
@@ -62,9 +63,11 @@ class TransferError(MissionIoError):
         *,
         vehicle_holds: VehicleHolds,
         held_items: tuple[Any, ...] | None = None,
+        refusal: int | None = None,
     ) -> None:
         self.vehicle_holds: VehicleHolds = vehicle_holds
         self.held_items = held_items
+        self.refusal = refusal
         super().__init__(message)
 
 

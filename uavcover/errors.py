@@ -30,6 +30,18 @@ class TerrainError(InputError):
     """Elevation data that cannot be used for what is asked of it."""
 
 
+class NoElevationError(TerrainError):
+    """Elevation data without a height at a position; ``extent`` says in words how far the data extends."""
+
+    def __init__(self, message: str, *, extent: str) -> None:
+        self.extent = extent
+        super().__init__(message)
+
+
+class NoTileNearError(TerrainError):
+    """Several elevation tiles, and none of them is near the area."""
+
+
 class TrackError(InputError):
     """A flown track that cannot be read."""
 

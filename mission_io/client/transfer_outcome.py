@@ -98,6 +98,7 @@ _ERRORS: Final[dict[Enum, type[TransferError]]] = {
     UploadState.CANCELLED: TransferCancelledError,
     DownloadState.CANCELLED: TransferCancelledError,
 }
+_REFUSED: Final = (UploadState.REFUSED, DownloadState.REFUSED, ClearState.REFUSED)
 _STUCK: Final = (UploadState.STUCK, DownloadState.STUCK, ClearState.STUCK)
 
 PROVEN_BY_READING: Final = (UploadState.UNCONFIRMED, UploadState.ACCEPTED_EARLY)
@@ -137,7 +138,8 @@ def failure(
     kind = _ERRORS.get(exchange.state, TransferError)
     if kind is TransferSilentError:
         text += advice
-    return kind(text, vehicle_holds=vehicle_holds, held_items=held_items)
+    refusal = exchange.last_result if exchange.state in _REFUSED else None
+    return kind(text, vehicle_holds=vehicle_holds, held_items=held_items, refusal=refusal)
 
 
 def held_by_design(upload: Upload, total: int, autopilot: Autopilot) -> VehicleHolds:

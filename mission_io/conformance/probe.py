@@ -22,7 +22,6 @@ from mission_io.errors import FormatError, TransferError, TransferSilentError
 from mission_io.links.opening import Link
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.tables import UploadState
 from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
@@ -229,8 +228,7 @@ class Probe:
         except TransferSilentError as error:
             raise LackingError(f"no answer about {LIST_NAMES[mission_type]}: {error}") from None
         except TransferError as error:
-            refused = UploadState.REFUSED.value in str(error) and "acknowledged" not in str(error)
-            raise (RefusedError if refused else FailedError)(str(error)) from None
+            raise (FailedError if error.refusal is None else RefusedError)(str(error)) from None
         self.forget()
 
     def hold_sample(self, mission_type: MissionType, count: int) -> tuple[MissionItem, ...]:

@@ -11,6 +11,7 @@ from mission_io.client.client import Client
 from mission_io.conformance.case import LIST_NAMES, CaseResult, Outcome, ProtocolCase, difference
 from mission_io.conformance.probe import Probe
 from mission_io.errors import FormatError, MissionIoError, MisuseError, TransferError, TransferSilentError
+from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 
 Tell = Callable[[str], None]
@@ -98,8 +99,8 @@ def keep(client: Client) -> Kept:
             if mission_type is MissionType.MISSION:
                 raise MisuseError(f"the vehicle's mission cannot be read, so it is not overwritten: {error}") from None
         except TransferError as error:
-            refused = "UNSUPPORTED" in str(error)
-            if mission_type is MissionType.MISSION or not refused:
+            lacking = error.refusal in (MissionResult.UNSUPPORTED, MissionResult.UNSUPPORTED_FRAME)
+            if mission_type is MissionType.MISSION or not lacking:
                 raise MisuseError(
                     f"the vehicle's {LIST_NAMES[mission_type]} cannot be read, so nothing is overwritten: {error}"
                 ) from None

@@ -6,7 +6,7 @@ names the one that a file was read in.
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -123,6 +123,7 @@ class Words:
 
     words: tuple[str, ...]  # without quotes, decimals with points
     changed: str = ""  # what was unusual, for a list of repairs; empty where nothing was
+    has_other_separators: bool = False  # whether that is the separators
 
 
 _SPLITS: Final = (
@@ -156,11 +157,15 @@ def words_of(line: str, count: int, *, usual: str = " ") -> Words:
         if with_comma:
             return Words(tuple(part.replace(",", ".") for part in parts), "decimal commas were read as decimal points")
         is_usual = content == line.strip() and (content.split() if usual == " " else content.split(usual)) == parts
-        return Words(tuple(parts), "" if is_usual else "changed the separators")
+        return Words(tuple(parts)) if is_usual else _with_other_separators(parts)
     parts = _ANY.split(content)
     if len(parts) == count and all(parts):
-        return Words(tuple(parts), "changed the separators")
+        return _with_other_separators(parts)
     advice = ""
     if "," in content and len(parts) > count:
         advice = "if it has decimal commas, use decimal points, or put spaces or semicolons between the numbers"
     raise FormatError(f"expected {count} columns, not {len(parts)}", where="", advice=advice)
+
+
+def _with_other_separators(parts: Sequence[str]) -> Words:
+    return Words(tuple(parts), "changed the separators", has_other_separators=True)

@@ -54,6 +54,7 @@ class Drawing:
     lines: tuple[DrawnLine, ...] = ()  # the lines
     spots: tuple[Spot, ...] = ()  # the single positions
     repairs: tuple[str, ...] = ()  # what was repaired or dropped to read it, one line each
+    unclosed: tuple[str, ...] = ()  # those of the repairs that are about rings that were not closed
 
 
 def fence_from_areas(areas: Iterable[DrawnArea]) -> Fence:

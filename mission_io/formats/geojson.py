@@ -72,7 +72,7 @@ def read_drawing(text: str) -> Drawing:
     areas: list[DrawnArea] = []
     lines: list[DrawnLine] = []
     spots: list[Spot] = []
-    repairs = list(clean.repairs)
+    repairs, unclosed = list(clean.repairs), list[str]()
     todo = [(parse_json(clean.text, "document"), "")]
     while todo:
         node, name = todo.pop()
@@ -89,7 +89,9 @@ def read_drawing(text: str) -> Drawing:
             todo += [(geometry, name) for geometry in reversed(node.get("geometries").nodes())]
         elif kind in ("Polygon", "MultiPolygon"):
             for polygon in _one_or_many(node, kind):
+                before = len(repairs)
                 rings = [open_ring(_places(ring), ring.where, repairs) for ring in polygon.nodes()]
+                unclosed += repairs[before:]
                 if not rings:
                     repairs.append(f"{polygon.where}: ignored an empty polygon")
                     continue
@@ -100,7 +102,7 @@ def read_drawing(text: str) -> Drawing:
             spots += [Spot(_place(point), name) for point in _one_or_many(node, kind)]
         else:
             raise FormatError(f"{kind[:30]!r} is not a GeoJSON type", where=f"{node.where}.type")
-    return Drawing(tuple(areas), tuple(lines), tuple(spots), tuple(repairs))
+    return Drawing(tuple(areas), tuple(lines), tuple(spots), tuple(repairs), tuple(unclosed))
 
 
 def _name_of(feature: Node) -> str:

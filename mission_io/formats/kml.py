@@ -93,6 +93,7 @@ class _DrawingReader:
     def __init__(self, repairs: list[str]) -> None:
         self.line: Callable[[], int] = int
         self._repairs = repairs
+        self._unclosed: list[str] = []
         self._path: list[str] = []
         self._kept: list[str] | None = None
         # A name may follow what it names, so shapes refer to a list that holds it.
@@ -158,6 +159,7 @@ class _DrawingReader:
             tuple(replace(line, name=name[0]) for line, name in self._lines),
             tuple(replace(spot, name=name[0]) for spot, name in self._spots),
             tuple(self._repairs),
+            tuple(self._unclosed),
         )
 
     def _add_area(self, area: DrawnArea) -> None:
@@ -171,7 +173,9 @@ class _DrawingReader:
             self._name[0] = name
 
     def _end_ring(self, boundary: str) -> None:
+        before = len(self._repairs)
         ring = open_ring(self._points, self._where(), self._repairs)
+        self._unclosed += self._repairs[before:]
         if boundary == "innerBoundaryIs":
             self._holes.append(ring)
         elif boundary == "outerBoundaryIs" and self._exterior is None:

@@ -110,7 +110,7 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
             what = error.what.replace("columns; expected 2", "numbers; a position has 2")
             raise FormatError(what, where=where, advice=error.advice or "latitude, then longitude") from None
         if found.changed:
-            spaces = " to spaces" if found.changed.endswith("separators") else ""
+            spaces = " to spaces" if found.has_other_separators else ""
             repairs.append(f"{where}: {found.changed}{spaces}")
         lat_deg, lon_deg = (finite_number(word, where) for word in found.words)
         check_place(lat_deg, lon_deg, where)

@@ -286,7 +286,7 @@ class _Row:
                 what = error.what.replace(f"{_COLUMNS} are expected", f"a row must have {_COLUMNS}")
                 raise FormatError(what, where=where, advice=error.advice) from None
             if found.changed:
-                tabs = " to tabs" if found.changed.endswith("separators") else ""
+                tabs = " to tabs" if found.has_other_separators else ""
                 repairs.append(f"{where}: {found.changed}{tabs}")
             self._content = "\t".join(found.words)
             return [*found.words]

@@ -13,7 +13,7 @@ from rasterio.crs import CRS
 from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject, transform
 
-from uavcover.errors import TerrainError
+from uavcover.errors import NoElevationError, TerrainError
 from uavcover.terrain import elevation_file, pixel_frame
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
@@ -174,8 +174,10 @@ def test_no_data_is_a_gap_never_a_height(tmp_path, dtype, nodata):
     assert np.nanmax(up) < 900.0 - 600.0 + 1.0
     with rasterio.open(path) as dataset:
         lon, lat = dataset.xy(14, 20)
-    with pytest.raises(TerrainError, match=rf"no elevation data at {lat}.*data extends from"):
+    with pytest.raises(NoElevationError, match=rf"no elevation data at {lat}.*data extends from") as caught:
         read_height_amsl_m(path, "EGM96", lat_deg=lat, lon_deg=lon)
+    assert caught.value.extent.startswith("the data extends from")
+    assert str(caught.value).endswith(f"({caught.value.extent})")
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

@@ -12,7 +12,7 @@ from rasterio.transform import Affine
 
 from tests.scenario.scenario_texts import survey_text
 from tests.terrain.dem_files import write_dem
-from uavcover.errors import TerrainError
+from uavcover.errors import NoTileNearError, TerrainError
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.terrain import terrain_source
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
@@ -87,7 +87,7 @@ def test_far_tiles_are_left_out_and_do_not_matter(whole, tmp_path):
     assert far.resolve() not in near
     assert len(near) == 4
     with pytest.raises(
-        TerrainError, match=r"none of 5 tiles is near the area \(latitude 10\.000 to 10\.100, longitude"
+        NoTileNearError, match=r"none of 5 tiles is near the area \(latitude 10\.000 to 10\.100, longitude"
     ):
         find_tiles(["tiles"], folder=tmp_path, around=(100.0, 10.0, 100.1, 10.1))
 

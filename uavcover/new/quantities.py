@@ -96,6 +96,7 @@ def flight_window(text: str, *, option: str) -> tuple[str, str]:
         InputError: it is no such time.
     """
     start, slash, last = (part.strip() for part in text.partition("/"))
+    advice = "write it as 2026-07-01T09:00Z/2h or START/END"
     try:
         begin = utc_time(start, option)
         if not slash or _NUMBER.fullmatch(last) is not None:
@@ -105,9 +106,10 @@ def flight_window(text: str, *, option: str) -> tuple[str, str]:
         else:
             end = utc_time(last, option)
         window_of(begin.isoformat(), end.isoformat(), option)
-    except (ValueError, OverflowError) as error:
-        words = str(error) if str(error).startswith(option) else f"{option}: {text[:40]!r} is not a valid flight time"
-        raise InputError(f"{words}; write it as 2026-07-01T09:00Z/2h or START/END") from None
+    except ValueError as error:
+        raise InputError(f"{error}; {advice}") from None
+    except OverflowError:
+        raise InputError(f"{option}: {text[:40]!r} is not a valid flight time; {advice}") from None
     return f"{begin:%Y-%m-%dT%H:%M:%SZ}", f"{end:%Y-%m-%dT%H:%M:%SZ}"
 
 

@@ -10,7 +10,7 @@ import shapely
 from pyproj import CRS
 from pyproj.exceptions import ProjError
 
-from uavcover.errors import InputError, TerrainError
+from uavcover.errors import InputError, NoElevationError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Rings
 from uavcover.new.tuning import TERRAIN
@@ -251,11 +251,11 @@ def _require_ground(
 
 
 def _reach(file: TerrainSource, datum: str, frame: LocalFrame) -> str:
-    """Extent of the data, in the words of its own error."""
+    """Extent of the data, in words."""
     try:
         read_height_amsl_m(file, datum, lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
-    except TerrainError as error:
-        return str(error).rpartition("(")[2].rstrip(")")
+    except NoElevationError as error:
+        return error.extent
     return "no data"
 
 

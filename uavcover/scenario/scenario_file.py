@@ -95,8 +95,9 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     try:
         scenario = _SCENARIO.validate_json(document, strict=True)
     except ValidationError as error:
-        mistakes += _mistakes(error.errors(include_url=False), raw, launched=LAUNCH_POINTS in given)
-        if not any(mistake.startswith("area") for mistake in mistakes):
+        errors = error.errors(include_url=False)
+        mistakes += _mistakes(errors, raw, launched=LAUNCH_POINTS in given)
+        if not any(details["loc"][:1] == ("area",) for details in errors):
             # Other keys are invalid already; report the mistakes in the area's shape at the same time.
             area = _AREA.validate_json(json.dumps(raw["area"], default=str), strict=True)
             mistakes += outline_mistakes(area, folder, key="area")

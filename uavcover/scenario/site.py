@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 import shapely
 
-from uavcover.errors import ScenarioError, TerrainError
+from uavcover.errors import NoElevationError, ScenarioError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Outline, Ring
 from uavcover.model.scenario import Objective, Scenario, Uncertainty
@@ -243,10 +243,8 @@ def _frame(scenario: Scenario, terrain_file: Path | TerrainSource | None) -> Loc
 def _read_home_height(terrain_file: Path | TerrainSource, vertical_datum: str, lat_deg: float, lon_deg: float) -> float:
     try:
         return read_height_amsl_m(terrain_file, vertical_datum, lat_deg=lat_deg, lon_deg=lon_deg)
-    except TerrainError as error:
-        if "no elevation data at" in str(error):
-            raise TerrainError(f"home: {error}; are latitude and longitude swapped?") from error
-        raise
+    except NoElevationError as error:
+        raise TerrainError(f"home: {error}; are latitude and longitude swapped?") from error
 
 
 def _area(scenario: Scenario, frame: LocalFrame | None) -> shapely.Polygon | shapely.MultiPolygon:

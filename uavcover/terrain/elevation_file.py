@@ -17,7 +17,7 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 from rasterio.windows import Window
 
-from uavcover.errors import TerrainError
+from uavcover.errors import NoElevationError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, places_on_grid
 from uavcover.terrain.frames import LocalFrame
@@ -216,12 +216,16 @@ def read_height_amsl_m(path: Path | TerrainSource, vertical_datum: str, *, lat_d
     """Read the height above sea level of one position from an elevation file, bilinear between its pixels.
 
     Raises:
-        TerrainError: the file cannot be used, or has no data there.
+        NoElevationError: the file has no data there.
+        TerrainError: the file cannot be used.
     """
     with open_raster(path, vertical_datum) as raster:
         height = float(raster.sample_m(np.array([lat_deg]), np.array([lon_deg]))[0])
         if not np.isfinite(height):
-            raise TerrainError(f"{path}: there is no elevation data at {lat_deg}, {lon_deg} ({_extent(raster)})")
+            extent = _extent(raster)
+            raise NoElevationError(
+                f"{path}: there is no elevation data at {lat_deg}, {lon_deg} ({extent})", extent=extent
+            )
         return height
 
 

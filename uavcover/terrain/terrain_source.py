@@ -22,7 +22,7 @@ from pyproj.exceptions import CRSError
 from rasterio.warp import transform_bounds
 
 from mission_io.model.places import M_PER_DEG
-from uavcover.errors import TerrainError
+from uavcover.errors import NoTileNearError, TerrainError
 from uavcover.terrain.tuning import FILES
 
 # Packed elevation files: the one raster inside a zip or gzip file, which GDAL reads in place, within limits.
@@ -237,7 +237,8 @@ def find_tiles(
         key: of the scenario, or the option, for errors.
 
     Raises:
-        TerrainError: a folder or a pattern has no tile, has too many, or none of the tiles is near.
+        NoTileNearError: none of the tiles is near.
+        TerrainError: a folder or a pattern has no tile, or has too many.
     """
     found: list[Path] = []
     for name in names:
@@ -268,7 +269,7 @@ def find_tiles(
         near = [tile for tile in found if _is_near(tile, around)]
         if not near:
             west, south, east, north = around
-            raise TerrainError(
+            raise NoTileNearError(
                 f"{key}: none of {len(found)} tiles is near the area (latitude {south:.3f} to {north:.3f}, longitude "
                 f"{west:.3f} to {east:.3f}); use the tiles of that location"
             )

@@ -261,6 +261,7 @@ def test_pictures_that_are_blurred_or_may_be_do_not_count(flown, tmp_path, blurr
     assert combined(each.effect for each in evidence.findings) == found.judgement.verdict == verdict
     counting = [k for k in range(len(flown)) if k % 3 in told and k % 3 not in blurred]
     assert [picture.name for picture in found.placed.pictures] == [f"p{k}" for k in counting]
+    assert found.too_blurred == sum(k % 3 in told and k % 3 in blurred for k in range(len(flown)))
     # 1.9 cm a pixel at 80 m and 8 m/s: 4 pixels in 10 ms.
     assert all(why.startswith(("blurred by 4.", "blurred by 3.", "the blur")) for why in found.placed.left_out.values())
     photo_raster(found)

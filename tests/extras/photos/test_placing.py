@@ -66,6 +66,21 @@ def test_pictures_without_a_place_or_a_direction_do_not_count_and_say_why():
         place_pictures([bad[-1]], FRAME, Assumptions())
 
 
+@pytest.mark.parametrize(
+    ("left_out", "advised"),
+    [
+        ({"lat_deg": None}, True),
+        ({"lat_deg": None, "fault": "the file is cut off"}, False),
+        ({"lat_deg": None, "digital_zoom": 2.0}, False),
+        ({"alt_m": None}, False),
+    ],
+)
+def test_a_list_of_positions_is_advised_where_only_these_are_missing(left_out, advised):
+    with pytest.raises(TrackError, match="none of the 1 photos") as caught:
+        place_pictures([picture(**left_out)], FRAME, Assumptions())
+    assert ("add a list of their positions" in str(caught.value)) is advised
+
+
 def test_heights_above_take_off_count_when_its_place_is_given():
     placed = place_pictures(
         [picture(alt_m=1300.0, height_above_takeoff_m=80.0), picture("b")],

@@ -6,13 +6,15 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.conformance.__main__ import VEHICLE_CASES
-from mission_io.conformance.case import CaseResult, Outcome, sample
+from mission_io.conformance.case import CaseResult, FailedError, Outcome, RefusedError, sample
 from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.probe import Probe
-from mission_io.conformance.run import ask_one, ask_vehicle
+from mission_io.conformance.run import ask_one, ask_vehicle, keep
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions, Peer, SimulatedLink
+from mission_io.model.enums import MissionResult
 from mission_io.model.items import GeoPoint, MissionType
+from mission_io.wire import messages as m
 from tests.mission_io.conformance.mutants import MUTANTS
 from tests.mission_io.vehicle import VehiclePeer
 from uavcover.mock.ports import InMemoryPeer
@@ -140,3 +142,35 @@ def test_equal_vehicles_give_equal_results_over_another_link(autopilot: Autopilo
     assert {name for name in near if near[name] is not far[name]} == set()
     reordered = outcomes(Conditions(delay_s=0.05, jitter_s=0.1))
     assert {name for name in near if near[name] is not reordered[name]} <= SENT_IN_A_BURST
+
+
+def test_a_list_that_the_vehicle_does_not_have_is_not_kept_and_the_others_are_tried() -> None:
+    class Without(VehiclePeer):
+        lacks, result = MissionType.RALLY, MissionResult.UNSUPPORTED
+
+        def instead(self, message: m.Message, now: float) -> list[m.Message] | None:
+            refused = isinstance(message, m.MissionRequestList) and message.mission_type == self.lacks
+            return [m.MissionAck(255, 190, self.result, self.lacks)] if refused else None
+
+    peer = Without(PX4)
+    assert set(keep(probe_of(peer).client).lists) == {MissionType.MISSION, MissionType.FENCE}
+    peer.result = MissionResult.DENIED
+    with pytest.raises(MisuseError, match="rally points cannot be read, so nothing is overwritten"):
+        keep(probe_of(peer).client)
+    peer.lacks, peer.result = MissionType.MISSION, MissionResult.UNSUPPORTED
+    with pytest.raises(MisuseError, match="mission cannot be read, so nothing is overwritten"):
+        keep(probe_of(peer).client)
+
+
+def test_a_list_that_is_refused_is_told_from_one_that_is_lost() -> None:
+    full = probe_of(VehiclePeer(PX4, capacity=3))
+    with pytest.raises(RefusedError, match="NO_SPACE"):
+        full.hold(MissionType.MISSION, sample(MissionType.MISSION, 6))
+
+    class Keeping(VehiclePeer):
+        def on_message(self, received: m.Received, now: float) -> None:
+            if self.server.events():
+                self.server.set_items(MissionType.MISSION, sample(MissionType.MISSION, 2))
+
+    with pytest.raises(FailedError, match="acknowledged, but still has"):
+        probe_of(Keeping(PX4)).hold(MissionType.MISSION, ())

@@ -129,6 +129,7 @@ def test_what_is_repaired_or_left_out_is_listed() -> None:
         "line 2: removed space around commas",
         "line 2: the ring was not closed",
     )
+    assert kml.read_drawing(open_kml).unclosed == ("line 2: the ring was not closed",)
     empty = kml_of("<Placemark><Point></Point></Placemark>")
     assert kml.read_drawing("\ufeff" + empty).repairs == (
         "removed a byte order mark",

@@ -16,7 +16,7 @@ from mission_io.formats import gpx, kml, litchi, wpml
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.items import Mission
-from uavcover.errors import InputError, TerrainError
+from uavcover.errors import InputError, NoTileNearError, TerrainError
 from uavcover.extras.check.check import Bounds
 from uavcover.extras.check.tuning import WORLD
 from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
@@ -211,9 +211,7 @@ def _opened(data: ElevationData, mission: Mission, home: tuple[float, float] | N
     around = (lon - reach, max(-90.0, lat - reach), lon + reach, min(90.0, lat + reach))
     try:
         return open_elevation_data(data, around=around)
-    except TerrainError as error:
-        if "none of" not in str(error):
-            raise
+    except NoTileNearError:
         return open_elevation_data(data)
 
 

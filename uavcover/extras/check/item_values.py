@@ -142,11 +142,14 @@ def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
         yield "look", f"{kind:g} is not a speed type (0 air, 1 ground, 2 climb, 3 descent)", "use one of these types"
     if speed > 0.0 or (speed == -1.0 and throttle > 0.0) or speed == -2.0:
         return  # -1 leaves the speed alone, -2 takes the default
-    does = "resets the speed to the default" if aircraft.autopilot == "px4" else "changes nothing"
-    if aircraft.autopilot == "ardupilot" and aircraft.has_wings and kind == SpeedType.GROUND.value:
+    if aircraft.autopilot == "px4":
+        does = "resets the speed to the default"
+    elif aircraft.autopilot == "ardupilot" and aircraft.has_wings and kind == SpeedType.GROUND.value:
         does = "is interpreted as the minimum ground speed, which is then zero"
-    if speed == -1.0 and does == "changes nothing":
+    elif speed == -1.0:
         return
+    else:
+        does = "changes nothing"
     yield "look", f"a speed of {speed:g} m/s {does}", "specify the speed in m/s; -2 selects the default"
 
 

@@ -196,9 +196,8 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
             f"{len(document['blurred'])} photos above {BLUR_PX:g}"
         )
     if document["max_blur_px"] is not None:
-        too_blurred = sum(why.startswith("blurred by") for why in verdict.placed.left_out.values())
         user.say(
-            f"{'blur limit':18}{document['max_blur_px']:g} pixels: {too_blurred} photos exceed it; the blur of "
+            f"{'blur limit':18}{document['max_blur_px']:g} pixels: {verdict.too_blurred} photos exceed it; the blur of "
             f"{document['blur_not_known']} is unknown"
         )
     if document["missing_photos"]:

@@ -169,7 +169,8 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     if verdict.shown.detection is not None:
         doubts += _warned(detection_doubts(verdict.shown.detection, verdict.shown.coverage.ground_sample_m), user)
     decided = {"passed": judgement.verdict == "passed", "verdict": judgement.verdict}
-    return replace(verdict, judgement=judgement, document=document | decided | {"doubts": doubts})
+    document |= decided | {"doubts": doubts}
+    return replace(verdict, judgement=judgement, document=document, too_blurred=len(blurred))
 
 
 def _judgement(document: Mapping[str, Any]) -> Judgement:

@@ -43,6 +43,7 @@ class PhotoVerdict:
     gaps: list[GapRegion]  # where too few show it
     judgement: Judgement  # the decision, and what it comes from
     document: dict[str, Any]  # what ``photos.json`` says
+    too_blurred: int = 0  # photos that do not count because their blur exceeds the limit
 
     @property
     def needed(self) -> int:

@@ -69,6 +69,16 @@ class Picture:
     fault: str | None = None  # why its file cannot be read
 
     @property
+    def has_position(self) -> bool:
+        """Whether it tells where it was taken."""
+        return self.lat_deg is not None and self.lon_deg is not None
+
+    @property
+    def is_zoomed(self) -> bool:
+        """Whether a digital zoom enlarged it, so that its field of view is unknown."""
+        return self.digital_zoom is not None and self.digital_zoom > 1.001
+
+    @property
     def has_direction(self) -> bool:
         """Whether it tells where its camera looked."""
         return self.pitch_deg is not None and self.yaw_deg is not None
@@ -77,7 +87,7 @@ class Picture:
         """Reason why it shows nothing known; None if it does."""
         if self.fault is not None:
             return self.fault
-        if self.digital_zoom is not None and self.digital_zoom > 1.001:
+        if self.is_zoomed:
             return f"the field of view is unknown with a digital zoom of {self.digital_zoom:g}; do not zoom digitally"
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"

@@ -84,7 +84,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
         else:
             heights.append(height + (assumed.takeoff_alt_amsl_m or 0.0))
     if not placed:
-        raise TrackError(_none_placed(left_out))
+        raise TrackError(_none_placed(pictures, left_out))
     lat = np.array([picture.lat_deg for picture in placed], dtype=float)
     lon = np.array([picture.lon_deg for picture in placed], dtype=float)
     alt_amsl_m = np.array(heights)
@@ -99,7 +99,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
             left_out[picture.name] = "no direction: no camera angles, no heading and no other photos on the same line"
     keep = known | found
     if not keep.any():
-        raise TrackError(_none_placed(left_out))
+        raise TrackError(_none_placed(pictures, left_out))
     pitch = np.array([assumed.pitch_deg if picture.pitch_deg is None else picture.pitch_deg for picture in placed])
     roll = np.array([picture.roll_deg or 0.0 for picture in placed])
     # a gimbal's pitch counts with the vehicle's heading, too: its yaw follows the nose.
@@ -126,10 +126,11 @@ def _vehicle_attitudes_deg(pictures: Sequence[Picture]) -> FloatArray:
     return np.array([[np.nan if angle is None else angle for angle in row] for row in angles])
 
 
-def _none_placed(left_out: dict[str, str]) -> str:
+def _none_placed(pictures: Sequence[Picture], left_out: dict[str, str]) -> str:
     name, why = next(iter(left_out.items()))
+    first = next(picture for picture in pictures if picture.name == name)
     advice = ""
-    if why == "no position":
+    if first.fault is None and not (first.is_zoomed or first.has_position):
         advice = "; add a list of their positions (geo.txt, .csv, .MRK or the flight's log), or geotag them"
     return f"none of the {len(left_out)} photos can be located ({name}: {why}){advice}"
 

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from mission_io.model.places import M_PER_DEG
-from uavcover.errors import InputError, TerrainError
+from uavcover.errors import InputError, NoTileNearError
 from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.new.elevation_questions import (
     NationalSource,
@@ -69,9 +69,7 @@ def known_share(area: AreaTerrain, data: ElevationData, user: User) -> float:
     """
     try:
         source, datum = open_elevation_data(data, around=area.around)
-    except TerrainError as error:
-        if "none of" not in str(error):
-            raise
+    except NoTileNearError as error:
         user.warn(str(error).removeprefix("terrain.file: "))
         return 0.0
     lat, lon = area.places.T

@@ -87,7 +87,6 @@ def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
 _CIRCLE_CORNERS = 72
 _EARTH = Geod(ellps="WGS84")
 _SURVEYS = ("survey", "StructureScan")
-_UNCLOSED = "the ring was not closed"
 
 
 def read_geojson(text: str, source: str) -> AreaDocument:
@@ -244,9 +243,8 @@ def _of_drawing(drawing: Drawing, source: str) -> AreaDocument:
         for area in drawing.areas
     )
     others = _counted(Counter(line=len(drawing.lines), point=len(drawing.spots)))
-    unclosed = tuple(repair for repair in drawing.repairs if repair.endswith(_UNCLOSED))
-    notes = tuple(repair for repair in drawing.repairs if repair not in unclosed)
-    return AreaDocument(source, features, WGS84, others, rings_may_be_open=True, unclosed=unclosed, notes=notes)
+    notes = tuple(repair for repair in drawing.repairs if repair not in drawing.unclosed)
+    return AreaDocument(source, features, WGS84, others, rings_may_be_open=True, unclosed=drawing.unclosed, notes=notes)
 
 
 def _of_fence(fence: Fence, layer: str) -> tuple[AreaFeature, ...]:
