@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self, TextIO
@@ -49,6 +49,11 @@ class Console:
         """A line for people; on stderr under --json, nowhere under -q."""
         if not self.quiet:
             self._write(sys.stderr if self.as_json else sys.stdout, line)
+
+    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """The head of a table of limits; its lines follow."""
+        del rows
+        self.say(head)
 
     def suggest(self, *commands: str) -> None:
         """Suggest the commands to run next, one a line."""
@@ -140,12 +145,17 @@ class Console:
 class EventConsole(Console):
     """Writes messages and progress as JSON lines to stderr.
 
-    Each is an object with ``say``, ``warn``, ``next`` (commands), ``progress``, ``route`` (places) or ``status``.
+    Each is an object with ``say``, ``warn``, ``next`` (commands), ``progress``, ``route`` (places) or ``status``; that of
+    the head of a vehicle's table of limits also has ``limits``.
     """
 
     def say(self, line: str = "") -> None:
         """A message."""
         self.write_event({"say": line})
+
+    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """A vehicle's table of limits."""
+        self.write_event({"say": head, "limits": list(rows)})
 
     def suggest(self, *commands: str) -> None:
         """The commands to run next."""

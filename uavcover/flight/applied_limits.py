@@ -182,9 +182,7 @@ class AppliedLimits:
             if row.shown
         )  # fmt: skip
         if plan.needs is not None:
-            session.tell(EventKind.STAGE, "limits: planned | on the vehicle | effect")
-            for row in self.rows:
-                session.tell(EventKind.STAGE, row.line)
+            session.tell_limits("limits: planned | on the vehicle | effect", self.rows)
 
     def _apply(self, changes: Mapping[str, Limit]) -> None:
         session = self._session

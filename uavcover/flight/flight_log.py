@@ -216,7 +216,11 @@ class FlightLog:
                 self._user.ring()
         else:
             flown_s = self.flown_s(event.time_s)
-            self._user.say(f"  {'' if flown_s is None else f'{flown_s:.1f} s '}{event.text}")
+            line = f"  {'' if flown_s is None else f'{flown_s:.1f} s '}{event.text}"
+            if event.limits:
+                self._user.say_limits(line, event.limits)
+            else:
+                self._user.say(line)
 
     def close(self) -> None:
         """Close the track, the growing recording and the telemetry log; the latter two go when the flight never began."""

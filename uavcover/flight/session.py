@@ -1,7 +1,7 @@
 """The session with one vehicle: sending commands, waiting with timeouts, passing on what it reports, noticing its loss."""
 
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot
@@ -13,6 +13,7 @@ from uavcover.flight.evidence import Evidence
 from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.modes import Mode, custom_mode, mode_from_custom
 from uavcover.flight.monitor import Monitor
+from uavcover.flight.parameter_rules import Limit
 from uavcover.flight.precautions import OnBreach
 from uavcover.flight.tuning import FOLLOWING
 from uavcover.flight.watch import Watch
@@ -131,6 +132,13 @@ class Session:
     def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None, alarm: bool = False) -> None:
         """Pass on an event."""
         self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint, alarm))
+
+    def tell_limits(self, head: str, rows: Sequence[Limit]) -> None:
+        """Pass on the table of limits, line by line; its head has all rows as values."""
+        values = tuple(row.as_json() for row in rows)
+        self._on_event(FlightEvent(EventKind.STAGE, head, self.monitor.time_s, limits=values))
+        for row in rows:
+            self.tell(EventKind.STAGE, row.line)
 
     def pump(self) -> None:
         """Listen for a moment, and pass on the vehicle's messages.

@@ -1,5 +1,6 @@
 """Events during a flight, and its ending: one name for each ending, good or bad, with the incidents before it."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import Enum
 from typing import Any
@@ -26,6 +27,8 @@ class FlightEvent:
     time_s: float | None = None  # vehicle time; None before the vehicle sent its time
     waypoint: int | None = None  # number of the planned waypoint that is flown to, for progress; None for other events
     alarm: bool = False  # whether something is wrong now, so that it should be heard too
+    # rows of the table of limits that follows as lines, as ``--json`` has them; empty for other events
+    limits: tuple[Mapping[str, Any], ...] = ()
 
 
 class Ending(Enum):

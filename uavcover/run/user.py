@@ -6,9 +6,9 @@ The workflows of :mod:`uavcover.run` talk to a :class:`User`. On the command lin
 
 import logging
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from typing import Protocol
+from typing import Any, Protocol
 
 
 def to_paste(*words: object) -> str:
@@ -68,6 +68,10 @@ class User(Protocol):
         """Tell something."""
         ...
 
+    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Tell the head of a vehicle's table of limits, whose lines follow, and its rows as values for programs."""
+        ...
+
     def warn(self, line: str) -> None:
         """Tell something that must not be missed."""
         ...
@@ -103,6 +107,11 @@ class Unattended:
         """Log at level INFO."""
         if line:
             self._log.info(line)
+
+    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Log the head at level INFO."""
+        del rows
+        self.say(head)
 
     def warn(self, line: str) -> None:
         """Log at level WARNING."""

@@ -105,6 +105,7 @@ def test_the_whole_way(browser: Any, served: Client, cli: Any) -> None:
     page.fill("#f-mock", "40")
     page.click("#fly")
     p.until("window.uavcover.state.live.get('field')?.count > 20")
+    p.until("document.getElementById('preflight')?.textContent.includes('climb speed')")
     assert page.is_visible("#back")
     p.until("window.uavcover.state.tab === 'judge' && document.getElementById('verdict')")
     page.click("#verify")

@@ -28,6 +28,7 @@ from uavcover.extras.app.live import LiveFlight, Observed
 from uavcover.extras.app.scene import Scenes
 from uavcover.extras.app.server import Server
 from uavcover.extras.app.workspace import Workspace
+from uavcover.extras.fleet.board import Board, VehicleUser
 from uavcover.run.provenance import process_of
 
 
@@ -250,6 +251,16 @@ def test_the_incumbent_is_drawn_while_it_is_searched_for(capfd: pytest.CaptureFi
     assert events[-1] == {"progress": {"what": "planning", "done": 4.0, "total": 4, "note": "done"}}
 
 
+def test_the_limits_of_a_vehicle_are_values_for_the_page(capfd: pytest.CaptureFixture[str]) -> None:
+    row = {"what": "speed", "planned": 5.0, "vehicle": 4.0, "weight": "warning"}
+    EventConsole().say_limits("limits:", [row])
+    board = Board(EventConsole(), 2)
+    VehicleUser(board, 2, stops=lambda: 0, pauses=lambda: False).say_limits("  limits:", [row])
+    alone, of_fleet = (json.loads(line) for line in capfd.readouterr().err.splitlines())
+    assert alone == {"say": "limits:", "limits": [row]}
+    assert of_fleet == {"say": "vehicle 2: limits:", "limits": [{**row, "what": "vehicle 2: speed"}]}
+
+
 @pytest.mark.parametrize("kind", ["plan", "fly"])
 def test_a_server_that_is_killed_takes_no_command_with_it(tmp_path: Path, planned: Path, kind: str) -> None:
     """The server gets SIGKILL while it plans or flies; the command goes on, and the next server shows its end."""
@@ -278,6 +289,7 @@ def test_a_server_that_is_killed_takes_no_command_with_it(tmp_path: Path, planne
     for again in serving(root):
         found = again.get(f"/api/jobs/{job.id}")
         assert found["code"] == 0, job.events()
+        assert any(event.get("limits") for event in job.events()[0]) is (kind == "fly")
         scene = again.get(f"/api/scene?name={'valley' if kind == 'plan' else 'run'}")
     assert scene["route"]
     assert bool(scene["tracks"]) is (kind == "fly")

@@ -1,9 +1,10 @@
 """One table of what all vehicles of a fleet do, and the user as each of them sees it."""
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from uavcover.run.user import PauseRequests, ProgressBar, StopRequests, User
 
@@ -50,6 +51,11 @@ class Board:
         """Tell something of the whole fleet."""
         with self._lock:
             self._user.say(line)
+
+    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Tell a vehicle's table of limits."""
+        with self._lock:
+            self._user.say_limits(head, rows)
 
     def warn(self, line: str) -> None:
         """Tell something of the whole fleet that must not be missed."""
@@ -106,6 +112,12 @@ class VehicleUser:
     def say(self, line: str = "") -> None:
         """Tell something of this vehicle."""
         self._board.say(f"vehicle {self._number}: {line.strip()}")
+
+    def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Tell this vehicle's table of limits; each row names the vehicle."""
+        name = f"vehicle {self._number}"
+        named = [{**row, "what": f"{name}: {row['what']}"} for row in rows]
+        self._board.say_limits(f"{name}: {head.strip()}", named)
 
     def warn(self, line: str) -> None:
         """Tell something that must not be missed."""

@@ -2,7 +2,7 @@
 import { $, attempt, button, fail, map, refresh, runs, say, select, state } from "/page/core.js";
 import { areaPanel, boundsOfDraft, loadArea } from "/page/area.js";
 import { planPanel } from "/page/plan.js";
-import { drawOrders, flyPanel, takeLimit } from "/page/fly.js";
+import { drawOrders, flyPanel } from "/page/fly.js";
 import { judgePanel, openPhotos } from "/page/judge.js";
 import { COLORS, SORTIES } from "/page/map.js";
 import { t } from "/page/strings.js";
@@ -84,8 +84,8 @@ function takeEvent(job, event) {
   if (event.progress) job.progress = event.progress;
   else if (event.status) job.status = event.status;
   else if (event.warn) { say(event.warn, "warn"); }
-  else if (job.kind === "fly" && event.say && takeLimit(event.say)) { if (state.tab === "fly") redrawPanel(); }
   else if (event.say !== undefined && event.say.trim() && !event.say.startsWith("{")) say(event.say, event.say.startsWith("error:") ? "error" : "");
+  if (event.limits) { job.limits = [...(job.limits ?? []), ...event.limits]; if (state.tab === "fly") redrawPanel(); }
   if (event.route) map.set("incumbent", [{ type: "Feature", properties: {}, geometry: { type: "LineString", coordinates: event.route } }]);
   job.events.push(event);
   if (job.events.length > 500) job.events.shift();

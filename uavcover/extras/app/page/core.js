@@ -8,7 +8,7 @@ export const $ = (id) => document.getElementById(id);
 export const state = {
   tab: "area", server: null, name: "", scene: null, layer: "", members: null,
   draft: emptyDraft(), past: [], future: [], form: { name: "survey", gsd: "3cm", overlap: "75/70", dem: "" }, design: null,
-  edit: null, jobs: new Map(), watched: new Map(), live: new Map(), covered: new Map(), limits: null, photos: null, background: "", contours: false,
+  edit: null, jobs: new Map(), watched: new Map(), live: new Map(), covered: new Map(), photos: null, background: "", contours: false,
 };
 export const map = Object.assign(new CoverageMap($("map")), { tools: $("tools") }); // they cover its upper edge
 window.uavcover = { state, map }; // for tests and for the curious

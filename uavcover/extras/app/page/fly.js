@@ -68,18 +68,14 @@ function preflight(s, checked) {
     rows.push(row(checked.verdict === "passed" ? "good" : checked.verdict === "failed" ? "bad" : "warn", t("check"), t(checked.verdict), `${number(checked.figures.min_height_agl_m)} – ${number(checked.figures.max_height_agl_m)} m ${t("height")}, ${number(checked.figures.length_m)} m, ${number(checked.figures.time_s / 60, 1)} min`));
     for (const found of checked.findings.slice(0, 50)) rows.push(row(found.weight === "breaks" ? "bad" : "warn", found.kind, found.what, found.do, Number.isFinite(found.lon_deg) ? [found.lon_deg, found.lat_deg] : null));
   }
-  for (const [mark, what, planned, vehicle, why] of state.limits ?? []) rows.push(row({ "!": "warn", X: "bad" }[mark] ?? (planned !== "-" && vehicle.startsWith(planned) ? "good" : "none"), what, planned === "-" ? vehicle : `${vehicle}; ${t("planned")} ${planned}`, why));
+  const flown = [...state.jobs.values()].filter((job) => job.limits && (job.run === state.name || job.run.startsWith(`${state.name}/`))).at(-1);
+  for (const limit of flown?.limits ?? []) {
+    const [vehicle, planned] = [limit.vehicle, limit.planned].map((value) => (value === null ? null : `${+value.toPrecision(6)} ${limit.unit}`.trim()));
+    const held = `${vehicle}${limit.parameter ? ` (${limit.parameter})` : ""}`;
+    rows.push(row({ warning: "warn", refused: "bad" }[limit.weight] ?? (planned === vehicle ? "good" : "none"), limit.what, planned === null ? held : `${held}; ${t("planned")} ${planned}`, limit.matters));
+  }
   if (rows.length) out.push(el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("beforeFlight") }, el("table", { id: "preflight" }, ...rows)));
   return out;
-}
-// The table that `fly` prints before it arms: planned | vehicle | why it matters.
-export function takeLimit(line) {
-  if (line.includes("planned | vehicle | why it matters")) { state.limits = []; return true; }
-  const parts = line.trim().split(" | ");
-  if (!state.limits || parts.length !== 4) return false;
-  const [, mark, what] = /^([!X]?)\s*(.*)$/.exec(parts[0]);
-  state.limits.push([mark, what, ...parts.slice(1)]);
-  return true;
 }
 
 // ---------------------------------------------------------------- orders, always visible while something flies
