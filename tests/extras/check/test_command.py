@@ -289,12 +289,16 @@ def test_rally_points_and_parameters_of_files(cli: Cli, tmp_path: Path) -> None:
     assert ended.code == 1
     assert "rally point 1: it is" in {one["kind"]: one["what"] for one in ended.document["findings"]}["rally"]
     low = tmp_path / "low.param"
-    low.write_text("# saved\nRTL_ALT,200\nRTL_CONE_SLOPE 0\n1\t1\tFS_GCS_ENABLE\t1\t2\n")
-    ended = cli("check", file, "--dem", DEM, "--parameters", low, "--json")
-    assert (
-        any("FS_GCS_ENABLE 1" in one["what"] for one in ended.document["findings"] if one["kind"] == "return")
-        or ended.code == 0
+    beyond_a_ridge = mission(
+        tmp_path, "22 0 0 110", "16 36.4819 -84.2089 110", "16 36.4819 -84.2089 30", "21 36.4819 -84.2089 0"
     )
+    for height_cm, code in ((2_000, 1), (12_000, 0)):
+        low.write_text(f"# saved\nRTL_ALT,{height_cm}\nRTL_CONE_SLOPE 0\n1\t1\tFS_GCS_ENABLE\t1\t2\n")
+        ended = cli("check", beyond_a_ridge, "--dem", DEM, "--parameters", low, "--max-height", "none", "--json")
+        assert ended.code == code
+        unsafe = [one["what"] for one in ended.document["findings"] if one["kind"] == "return"]
+        assert len(unsafe) == code
+        assert all("(FS_GCS_ENABLE 1)" in what for what in unsafe)
     low.write_text("RTL_ALT high\n")
     assert (
         "line 1: 'RTL_ALT high' is not a name and a number" in cli("check", file, "--dem", DEM, "--parameters", low).err
