@@ -38,6 +38,7 @@ from mission_io.errors import (
 from mission_io.links.opening import Link
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
+from mission_io.model.plain_text import counted
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Clear, ClearState, ExchangeOptions
 from mission_io.protocol.mission_control import ItemProgress
@@ -175,7 +176,7 @@ class Client(Connection):
                 return
         raise TransferError(
             f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, but still has "
-            f"{len(left)} items",
+            f"{counted(len(left), 'item')}",
             vehicle_holds="unknown",
             held_items=left,
         )
@@ -342,7 +343,7 @@ class Client(Connection):
         held, now_held = None, ""
         if clear.state is not ClearState.SILENT:
             held = self._held(mission_type)
-            now_held = "" if held is None else f"; the vehicle now has {len(held)} items"
+            now_held = "" if held is None else f"; the vehicle now has {counted(len(held), 'item')}"
         doing = f"clearing the {list_name(mission_type)}"
         raise failure(doing, clear, now_held, vehicle_holds=holds, held_items=held, advice=self.signing_advice())
 

@@ -13,6 +13,7 @@ from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledErro
 from mission_io.links.base import Closing
 from mission_io.links.opening import Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
+from mission_io.model.plain_text import counted
 from mission_io.protocol.timing import RateLimit
 from mission_io.protocol.tuning import CALLS
 from mission_io.wire.codec import Codec, LinkStatistics
@@ -244,12 +245,12 @@ class Connection(Closing):
         advice = "is the vehicle switched on, and is the URL correct?"
         if statistics.refused and not others:
             heard = (
-                f"; {statistics.refused} frames were refused ({statistics.unsigned} unsigned, {statistics.forged} signed "
-                f"with another key, {statistics.replayed} with an old timestamp)"
+                f"; {counted(statistics.refused, 'frame was', 'frames were')} refused ({statistics.unsigned} unsigned, "
+                f"{statistics.forged} signed with another key, {statistics.replayed} with an old timestamp)"
             )
             advice = "does the vehicle have the same signing key?"
         elif statistics.garbage_bytes and not statistics.frames_in:
-            heard = f"; {statistics.garbage_bytes} received bytes are not MAVLink"
+            heard = f"; {counted(statistics.garbage_bytes, 'received byte is', 'received bytes are')} not MAVLink"
             advice = "is the baud rate correct?"
         return f"{wanted} sent a heartbeat within {timeout_s:g} s{heard}; {advice}"
 

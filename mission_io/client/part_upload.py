@@ -7,6 +7,7 @@ from mission_io.client.running import Progress, Stop, run
 from mission_io.client.transfer_outcome import PROVEN_BY_READING, ReadBack, failure
 from mission_io.errors import MisuseError
 from mission_io.model.items import Mission, MissionItem, MissionType
+from mission_io.model.plain_text import counted
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.upload import Upload
 
@@ -47,7 +48,7 @@ def upload_part(
     last = first + len(items) - 1
     if not 1 <= first <= last <= len(held.items):
         raise MisuseError(
-            f"items {first} to {last} are not all in the vehicle's mission of {len(held.items)} items, and only "
+            f"items {first} to {last} are not all in the vehicle's mission of {counted(len(held.items), 'item')}, and only "
             "existing items can be replaced; upload the whole mission"
         )
     mission = Mission(held.home, (*held.items[: first - 1], *items, *held.items[last:]))

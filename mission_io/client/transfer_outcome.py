@@ -23,6 +23,7 @@ from mission_io.errors import (
     VehicleHolds,
 )
 from mission_io.model.items import MissionItem, MissionType
+from mission_io.model.plain_text import counted
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Clear, ClearState
 from mission_io.protocol.tables import UploadState
@@ -195,7 +196,7 @@ def description(
     """One line on what the vehicle holds and what to do about it."""
     text = f"the vehicle's list is now {holds}"
     if held is not None:
-        text += f" ({len(held)} items"
+        text += f" ({counted(len(held), 'item')}"
         if autopilot is not None and holds in ("mixed", "unknown"):
             text += f", the first {new_items_in_front(sent, held, autopilot, mission_type)} of which are new"
         text += ")"

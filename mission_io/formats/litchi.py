@@ -16,6 +16,7 @@ from mission_io.formats.point_route import PointRoute, RouteStop, StopCamera, co
 from mission_io.formats.text import clean_text, degrees_text, plain_decimal
 from mission_io.model.items import Command, Frame
 from mission_io.model.places import earth_centred_m, ground_distance_m
+from mission_io.model.plain_text import counted
 
 MOST_WAYPOINTS = 99
 """Limit of DJI's mobile SDK; Litchi chains more of them only while it has a signal."""
@@ -143,14 +144,16 @@ def read_route(text: str) -> PointRoute:
         stops.append(RouteStop(lat, lon, alt, _FRAMES[int(mode)], speed if speed > 0.0 else None, camera))
         looks_at_poi += fields.get("gimbalmode", "").strip() == "1"
     if curves:
-        repairs.append(f"{curves} curved corners were read as sharp")
+        repairs.append(f"{counted(curves, 'curved corner was', 'curved corners were')} read as sharp")
     if looks_at_poi:
-        repairs.append(f"{looks_at_poi} points face a point of interest, so their camera angle is unknown")
+        points = counted(
+            looks_at_poi, "point faces a point of interest, so its", "points face a point of interest, so their"
+        )
+        repairs.append(f"{points} camera angle is unknown")
     route = route_from_stops(stops, repairs=repairs)
     turns = sum(item.command == Command.CONDITION_YAW for item in route.mission.items)
-    messages = (
-        [f'{turns} headings differ from their legs and were kept, as with Heading Mode "Custom (WD)"'] if turns else []
-    )
+    headings = counted(turns, "heading differs from its leg and was", "headings differ from their legs and were")
+    messages = [f'{headings} kept, as with Heading Mode "Custom (WD)"'] if turns else []
     return dataclasses.replace(route, repairs=(*route.repairs, *messages))
 
 

@@ -33,6 +33,7 @@ from mission_io.formats.point_route import (
 )
 from mission_io.formats.text import rendered
 from mission_io.model.items import Frame, MissionItem, land, return_to_launch
+from mission_io.model.plain_text import counted
 
 # DJI's WPML, the document ``wpmz/waylines.wpml`` of a KMZ, as a mission (developer.dji.com/doc/cloud-api-tutorial, WPML).
 
@@ -74,7 +75,10 @@ def read_route(text: str) -> PointRoute:
         for n, (mark, camera) in enumerate(zip(marks, cameras, strict=True), start=1)
     ]
     curved = sum(child_text(mark, "useStraightLine") == "0" for mark in marks)
-    messages = [*repairs, *([f"{curved} curved legs were read as straight"] if curved else [])]
+    messages = [
+        *repairs,
+        *([f"{counted(curved, 'curved leg was', 'curved legs were')} read as straight"] if curved else []),
+    ]
     security, back = child_text(config, "takeOffSecurityHeight"), child_text(config, "globalRTHHeight")
     return route_from_stops(
         stops, end=_end(child_text(config, "finishAction"), stops), repairs=messages,

@@ -20,6 +20,15 @@ _INVISIBLE = (
 _HOSTILE = re.compile(f"([{_BREAKS}])|([{_CONTROLS}])|[{_INVISIBLE}]")
 
 
+def counted(number: int, one: str, several: str = "") -> str:
+    """A number and what it counts; ``several`` is what the words for one become, else an s is added.
+
+    >>> counted(1, "photo"), counted(2, "photo"), counted(1, "photo was", "photos were")
+    ('1 photo', '2 photos', '1 photo was')
+    """
+    return f"{number} {one if number == 1 else several or f'{one}s'}"
+
+
 def plain_text(text: str) -> str:
     r"""The same text on one line, harmless wherever it is shown.
 

@@ -6,7 +6,7 @@ import unicodedata
 
 import pytest
 
-from mission_io.model.plain_text import escaped_json, plain_lines, plain_text, plain_values
+from mission_io.model.plain_text import counted, escaped_json, plain_lines, plain_text, plain_values
 from mission_io.wire.codec import Codec
 from mission_io.wire.framing import mavlink2_frame
 from mission_io.wire.message_table import ROWS
@@ -85,3 +85,8 @@ def test_every_control_and_format_character_goes():
         "EGYPTIAN",
         "SHORTHAND",
     }
+
+
+def test_one_thing_is_singular() -> None:
+    assert [counted(n, "photo") for n in (0, 1, 2)] == ["0 photos", "1 photo", "2 photos"]
+    assert [counted(n, "entry", "entries") for n in (0, 1)] == ["0 entries", "1 entry"]

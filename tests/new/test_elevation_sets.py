@@ -95,7 +95,7 @@ def test_what_a_folder_has_is_known_by_name_and_size(tmp_path: Path) -> None:
 
 
 def test_half_the_earth_is_refused() -> None:
-    with pytest.raises(InputError, match=r"spans .* tiles of 1 degrees; use a part"):
+    with pytest.raises(InputError, match=r"spans .* tiles of 1 degree; use a part"):
         needed_tiles(box(-80.0, -60.0, 80.0, 60.0), around_m=100.0, where="area")
 
 

@@ -106,7 +106,7 @@ def test_roll_and_pitch_lean_together() -> None:
     wrong[400, :2] = [50.0, 35.0]  # by 58
     attitude, problems = known(wrong)
     assert np.flatnonzero(np.isnan(attitude).all(axis=1)).tolist() == [300]
-    assert "1 attitudes are tilted by more than 60 degrees, the first by 63 degrees at 30.0 s" in problems[0]
+    assert "1 attitude is tilted by more than 60 degrees, the first by 63 degrees at 30.0 s" in problems[0]
 
 
 # Against the motion

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from mission_io.model.plain_text import counted
 from uavcover.cli import options
 
 # ``uavcover clear``: empty a vehicle's lists.
@@ -75,6 +76,6 @@ def download(
         lists = {t: connected.client.download_list(t, progress=bar.count) for t in dict.fromkeys(wanted)}
         text, items = text_of(connected.client, lists, out, kind)
     write_text(out, text)
-    console.say(f"wrote {out} ({items} items)")
+    console.say(f"wrote {out} ({counted(items, 'item')})")
     console.result({"file": str(out), "type": kind, "items": items})
     return 0

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.enums import AutopilotId
+from mission_io.model.plain_text import counted
 from mission_io.protocol.parameter_values import float_of_value, is_whole, value_of_float
 from mission_io.wire import messages as m
 from mission_io.wire.messages import ParamRequestRead, ParamValue
@@ -228,7 +229,9 @@ def return_warnings(advice: ReturnAdvice) -> list[str]:
     """Unsafe returns, one line for each interval, then the remedy."""
     found = [f"the autopilot's own return is not safe {words}" for words in advice.sentences[:_MOST_SAID]]
     if len(advice.sentences) > _MOST_SAID:
-        found.append(f"{len(advice.sentences) - _MOST_SAID} further parts of the flight also have an unsafe return")
+        more = len(advice.sentences) - _MOST_SAID
+        parts = counted(more, "further part of the flight also has", "further parts of the flight also have")
+        found.append(f"{parts} an unsafe return")
     if found:
         found.append(advice.remedy)
     return found

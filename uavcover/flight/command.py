@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from mission_io.clock import MonotonicClock, SystemClock
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, OutputError, UavcoverError
 from uavcover.flight.connect import (
     Connected,
@@ -160,7 +161,9 @@ def record_flight(
             ended = error.outcome
             _say_incidents(error.outcome, log, user)
             if log.sample_count:
-                user.say(f"kept {log.sample_count} samples in {run.file('track.csv')}; use fly --resume to continue")
+                user.say(
+                    f"kept {counted(log.sample_count, 'sample')} in {run.file('track.csv')}; use fly --resume to continue"
+                )
             raise
         except KeyboardInterrupt:
             user.warn("aborted: the vehicle may be armed and in the air; take manual control now")
@@ -180,7 +183,9 @@ def record_flight(
         "track": str(run.file("track.csv")),
         "recording": str(run.file("flight.rrd")),
     }
-    user.say(f"{outcome.ending.value}: {outcome.sample_count} samples over {outcome.duration_s:.0f} s of flight")
+    user.say(
+        f"{outcome.ending.value}: {counted(outcome.sample_count, 'sample')} over {outcome.duration_s:.0f} s of flight"
+    )
     return outcome, document
 
 

@@ -10,6 +10,7 @@ from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import FormatError, MissionIoError, TransferCancelledError
 from mission_io.model.items import MissionItem, MissionType
+from mission_io.model.plain_text import counted
 from mission_io.wire import messages as m
 from uavcover.flight.flight_plan import FlightPlan, OperatingVolume
 from uavcover.flight.modes import Mode, custom_mode
@@ -228,7 +229,8 @@ class MissionGuard:
             self._total = current.total
         if current.total != self._total:
             self._changed(
-                f"the vehicle's mission has {current.total} items instead of {self._total}: another station changed the mission"
+                f"the vehicle's mission has {counted(current.total, 'item')} instead of {self._total}: another station "
+                "changed the mission"
             )
             self._reading.ask()
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.model.scenario import Scenario
 from uavcover.run.folder import RunFolder
@@ -93,7 +94,7 @@ def links_of_scenario(source: str, given: Sequence[VehiclePlace], *, sortie: int
         return _links_of(scenario)
     if scenario.vehicles and len(given) != len(scenario.vehicles) and not (len(given) == 1 and sortie is not None):
         raise InputError(
-            f"--to is given {len(given)} time{'s' if len(given) > 1 else ''}, but {source} defines "
+            f"--to is given {counted(len(given), 'time')}, but {source} defines "
             f"{len(scenario.vehicles)} different vehicles; specify a link for each, vehicle 1 first"
         )
     return list(given)

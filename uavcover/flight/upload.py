@@ -12,6 +12,7 @@ from mission_io.client.client import Client
 from mission_io.client.commands import name_of
 from mission_io.client.transfer_outcome import ReadBack
 from mission_io.errors import TransferError, TransferInterrupted
+from mission_io.model.plain_text import counted
 from uavcover.flight.applied_limits import read_return_parameters, return_warnings
 from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, require_home
 from uavcover.flight.flight_plan import FlightTimeouts
@@ -158,18 +159,21 @@ def _say_items(error: TransferError, user: User) -> None:
         )
         user.warn(f"now on the vehicle: {number}: {name_of(item.command)}{place}")
     if len(error.held_items) > PREPARATION.shown_items:
-        user.warn(f"also on the vehicle: {len(error.held_items) - PREPARATION.shown_items} items; see download")
+        user.warn(
+            f"also on the vehicle: {counted(len(error.held_items) - PREPARATION.shown_items, 'item')}; see download"
+        )
 
 
 def say_comparison(user: User, result: ReadBack) -> None:
     """Report the differences of the read-back, and warn of those that change the meaning."""
     name = result.mission_type.name.lower()
     if not result.differences:
-        user.say(f"{name}: uploaded and verified ({len(result.sent)} items)")
+        user.say(f"{name}: uploaded and verified ({counted(len(result.sent), 'item')})")
         return
     wrong = faults(result.differences)
     changed = f"and changed the meaning of {len(wrong)}" if wrong else ""
     normalised = len(result.differences) - len(wrong)
-    user.say(f"{name}: uploaded {len(result.sent)} items; the autopilot normalised {normalised} fields{changed}")
+    items, fields = counted(len(result.sent), "item"), counted(normalised, "field")
+    user.say(f"{name}: uploaded {items}; the autopilot normalised {fields}{changed}")
     for fault in wrong[:5]:
         user.warn(f"{name}: {fault}")

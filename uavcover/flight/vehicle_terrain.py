@@ -25,6 +25,7 @@ from mission_io.autopilots.terrain_grid import (
 )
 from mission_io.client.client import Client, answer_terrain_requests
 from mission_io.model.places import EQUATOR_M_PER_DEG
+from mission_io.model.plain_text import counted
 from mission_io.protocol.terrain import TerrainAnswers, TerrainCounts
 from uavcover.errors import InputError, OutputError, TerrainError
 from uavcover.flight.tuning import TERRAIN
@@ -158,7 +159,8 @@ def serve_terrain(client: Client, heights: Heights, user: User) -> TerrainCounts
             counts = answers.counts
             if counts != reported and now >= report_at_s:
                 reported, report_at_s = counts, now + TERRAIN.tell_every_s
-                user.say(f"the vehicle requested {counts.blocks} terrain blocks; sent {counts.parts_sent} parts")
+                blocks, parts = counted(counts.blocks, "terrain block"), counted(counts.parts_sent, "part")
+                user.say(f"the vehicle requested {blocks}; sent {parts}")
     client.services.remove(answers)
     return answers.counts
 
@@ -191,7 +193,7 @@ def write_terrain_files(
         raise TerrainError("the elevation data contains no height in any terrain block around the area")
     if lacking:
         user.warn(
-            f"no elevation data for {lacking} of {PART_COUNT * len(known)} parts of {len(known)} blocks: they "
+            f"no elevation data for {lacking} of {PART_COUNT * len(known)} parts of {counted(len(known), 'block')}: they "
             "are omitted, and the vehicle will request them"
         )
     files: dict[str, dict[TerrainBlock, tuple[Part | None, ...]]] = {}

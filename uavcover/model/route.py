@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import svg_map
 
@@ -150,7 +151,7 @@ class Plan:
         met = "" if self.rule_met else f"; {self.rule} is NOT met"
         return (
             f"<Plan: {100.0 * m.coverage_of_coverable:.2f} % of the visible ground, {m.waypoint_count} waypoints, "
-            f"{m.path_length_m:.0f} m, {m.time_s:.0f} s; {len(self.members)} routes in the Pareto set{met}>"
+            f"{m.path_length_m:.0f} m, {m.time_s:.0f} s; {counted(len(self.members), 'route')} in the Pareto set{met}>"
         )
 
     def _repr_html_(self) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.missions.flight_costs import mission_time_s
 from uavcover.missions.sorties import compile_sorties
@@ -226,7 +227,7 @@ def _estimate(scenario: NewScenario) -> _Estimate:
     every_m = trigger_distance_m(site.scenario) or length_m
     pictures = math.floor(length_m / every_m) + 1
     time_s = mission_time_s(site, route)
-    words = f"about {pictures} photos, {lines} lines, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
+    words = f"about {counted(pictures, 'photo')}, {counted(lines, 'line')}, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
     if site.scenario.vehicle.longest_flight_s is None:
         return _Estimate(
             pictures, time_s, None, f"{words} (simple parallel lines; for the number of batteries, add --battery)"
@@ -266,7 +267,7 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
             if len(zones) < len(near)
             else ""
         )
-        user.say(f"--no-fly: included {len(zones)} zones from {file}{idle}")
+        user.say(f"--no-fly: included {counted(len(zones), 'zone')} from {file}{idle}")
         around = look.area.buffer(TERRAIN.farthest_home_m)
         for zone in local_zones(zones, look.frame, around):
             if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:

@@ -14,6 +14,7 @@ import shapely
 
 from mission_io.data_tables import read_document
 from mission_io.model.places import M_PER_DEG
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, TerrainError
 from uavcover.model.area import Ring, Rings
 from uavcover.model.terrain import HeightUnit
@@ -153,7 +154,9 @@ def _touched(
     rows = range(math.floor(max(south, -90.0) / side), math.ceil(min(north, 90.0) / side))
     columns = range(math.floor(west / scale / side), math.ceil(east / scale / side))
     if len(rows) * len(columns) > TERRAIN.max_tiles:
-        raise InputError(f"{where}: the area spans {len(rows) * len(columns)} tiles of {side} degrees; use a part")
+        raise InputError(
+            f"{where}: the area spans {len(rows) * len(columns)} tiles of {counted(side, 'degree')}; use a part"
+        )
     for row in rows:
         for column in columns:
             tile = shapely.box(column * side * scale, row * side, (column + 1) * side * scale, (row + 1) * side)

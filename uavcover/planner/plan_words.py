@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from mission_io.model.plain_text import counted
 from uavcover.missions.flights import makespan_s
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.sorties import Sortie
@@ -53,9 +54,7 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
     """Say what is flown, what it needs, and who made the route."""
     if flights:
         flown_s = [flight.compiled.flight_time_s for flight in flights]
-        words = (
-            f"{len(flights)} flight{'s' if len(flights) > 1 else ''}, {math.fsum(flown_s) / 60.0:.1f} min in the air"
-        )
+        words = f"{counted(len(flights), 'flight')}, {math.fsum(flown_s) / 60.0:.1f} min in the air"
         if len(flights) > 1:
             words += f", completed after {makespan_s(site, flights) / 60.0:.1f} min including battery changes"
         used = [flight.compiled.battery_used for flight in flights]
@@ -109,7 +108,7 @@ def say_plan(
         tuned = [tuned[select(tuned, rule).index]]
     for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
         user.say(figures_in_words(label, member, objective))
-    user.say(f"{len(result.members)} routes in the Pareto set, {wall_s:.1f} s")
+    user.say(f"{counted(len(result.members), 'route')} in the Pareto set, {wall_s:.1f} s")
     for line in bounds:
         user.say(line)
     if not result.rule_met:

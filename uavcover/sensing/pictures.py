@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from mission_io.model.plain_text import counted
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.observation_counting import Camera, SensorPoses
@@ -87,8 +88,8 @@ def overlap_rule(sensor: Sensor) -> str | None:
     forward, side = sensor.forward_overlap or 0.0, sensor.side_overlap
     lines = math.floor(1.0 / (1.0 - side) + _ROUNDING)
     words = (
-        f"{100.0 * forward:g} % forward: a point is in at least {asked // lines} photos of a swath",
-        f"{100.0 * side:g} % side: a point is in at least {lines} swaths",
+        f"{100.0 * forward:g} % forward: a point is in at least {counted(asked // lines, 'photo')} of a swath",
+        f"{100.0 * side:g} % side: a point is in at least {counted(lines, 'swath')}",
     )
     return f"{'; '.join(words)}; {asked // lines} x {lines} = {asked} photos"
 

@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 from uavcover.verification.lean_fit import lean_fits, mean_over, thrust_m_s2
@@ -212,8 +213,8 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
         first = wrong[0]
         roll, pitch, yaw = attitude[first]
         problems.append(
-            f"{wrong.size} attitudes are out of range, the first (roll {roll:g}, pitch {pitch:g}, yaw {yaw:g} "
-            f"degrees) at {track.time_s[first]:.1f} s"
+            f"{counted(wrong.size, 'attitude is', 'attitudes are')} out of range, the first (roll {roll:g}, "
+            f"pitch {pitch:g}, yaw {yaw:g} degrees) at {track.time_s[first]:.1f} s"
         )
         attitude[wrong] = np.nan
     tilt = np.degrees(np.arccos(np.prod(np.cos(np.radians(attitude[:, :2])), axis=1)))
@@ -221,8 +222,9 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
     if tilted.size:
         first = tilted[0]
         problems.append(
-            f"{tilted.size} attitudes are tilted by more than {ATTITUDE.max_tilt_deg:g} degrees, the first by "
-            f"{tilt[first]:.0f} degrees at {track.time_s[first]:.1f} s; no vehicle flies a route in this way"
+            f"{counted(tilted.size, 'attitude is', 'attitudes are')} tilted by more than "
+            f"{ATTITUDE.max_tilt_deg:g} degrees, the first by {tilt[first]:.0f} degrees at "
+            f"{track.time_s[first]:.1f} s; no vehicle flies a route in this way"
         )
         attitude[tilted] = np.nan
     with_attitude = np.isfinite(attitude).all(axis=1)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import window_in_words
@@ -369,7 +370,7 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         nearest = min(report.separation, key=lambda pair: pair.least_m)
         user.say(
             f"separation        at least {metres(nearest.least_m)}; required "
-            f"{metres(site.scenario.fleet.separation_m)} ({len(report.separation)} pairs of flights at the same time)"
+            f"{metres(site.scenario.fleet.separation_m)} ({counted(len(report.separation), 'pair')} of flights at the same time)"
         )
     missed = sum(gap.area_m2 for gap in report.gaps)
     user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in total")
@@ -389,7 +390,8 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         more = len(report.violations) - _SHOWN_VIOLATIONS
         user.say(f"                  and {more} more in {run.file('verification.json')}")
     if report.unknown_attitude_looks:
-        user.say(f"attitude          unknown for {report.unknown_attitude_looks} observations, which are only possible")
+        unsure = counted(report.unknown_attitude_looks, "observation, which is", "observations, which are")
+        user.say(f"attitude          unknown for {unsure} only possible")
     for row in requirement_rows(site.scenario, report):
         user.say(f"required          {row.name}: {row.asked}; found {row.found}: {_HOLDS[row.holds]}")
     for finding in report.findings:
@@ -410,7 +412,7 @@ def _say_unobserved(user: User, report: VerificationReport) -> None:
     for stretch in sorted(flown, key=lambda stretch: -stretch.duration_s)[:_SHOWN_STRETCHES]:
         user.say(f"                  from {stretch.start_s:.1f} s to {stretch.end_s:.1f} s: {stretch.detail}")
     if len(flown) > _SHOWN_STRETCHES:
-        user.say(f"                  and {len(flown) - _SHOWN_STRETCHES} more intervals")
+        user.say(f"                  and {counted(len(flown) - _SHOWN_STRETCHES, 'more interval')}")
 
 
 def _say_pictures(user: User, report: VerificationReport) -> None:
@@ -418,8 +420,8 @@ def _say_pictures(user: User, report: VerificationReport) -> None:
     if pictures is None:
         return
     user.say(
-        f"photos            {pictures.taken}, {pictures.looks} observations; photos per point: at least {pictures.fewest}, "
-        f"{pictures.median:g} (median)"
+        f"photos            {pictures.taken}, {counted(pictures.looks, 'observation')}; photos per point: at least "
+        f"{pictures.fewest}, {pictures.median:g} (median)"
     )
     if pictures.asked is not None and pictures.overlap_fraction is not None:
         holds = "met" if pictures.overlap_holds else "NOT MET"

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.judgement import Finding, fails, noted, unproved
@@ -250,8 +251,8 @@ def _ground_doubts(
     if unknown.any():
         first = float(track.time_s[int(np.argmax(unknown))])
         text = (
-            f"there is no elevation data below {int(unknown.sum())} samples of the flight, the first at {first:.1f} "
-            "s, so their height above ground cannot be judged (latitude and longitude may be swapped)"
+            f"there is no elevation data below {counted(int(unknown.sum()), 'sample')} of the flight, the first at "
+            f"{first:.1f} s, so their height above ground cannot be judged (latitude and longitude may be swapped)"
         )
         doubts.append(unproved(("height-band", "transit-clearance", "transit-height"), text))
     lowest = int(np.nanargmin(here_m)) if np.isfinite(here_m).any() else 0

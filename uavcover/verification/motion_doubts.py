@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
@@ -53,7 +54,7 @@ def motion_doubts(
     if len(motion.moves) > TRACK.max_impossible_moves:
         first = motion.moves[0]
         doubts.append(
-            f"the vehicle cannot have moved like this at {len(motion.moves)} positions, first {at(first)}: {first}"
+            f"the vehicle cannot have moved like this at {counted(len(motion.moves), 'position')}, first {at(first)}: {first}"
         )
     elif not steps:
         shortest = Windows.of(

@@ -6,6 +6,7 @@ Whether a requirement holds is what the findings of the verdict say of it: the t
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from mission_io.model.plain_text import counted
 from uavcover.model.active_times import window_of
 from uavcover.model.judgement import Holds, Requirement
 from uavcover.model.scenario import Scenario
@@ -62,7 +63,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     if scenario.no_fly:
         window = scenario.flight_window if report.flown_utc is None else window_of(*report.flown_utc, "flown_utc")
         counting = sum(zone.in_force(window) for zone in scenario.no_fly)
-        wanted = f"{counting} zone{'s' if counting != 1 else ''}"
+        wanted = counted(counting, "zone")
         rows.append(judge.kept("no-fly-zones", "Outside no-fly zones", wanted))
     if requirements.max_ground_speed_m_s is not None:
         fastest = report.max_ground_speed_m_s
@@ -126,7 +127,7 @@ class _Judge:
         """A limit without a figure."""
         number = sum(LIMIT_OF[violation.kind] == requirement for violation in self._report.violations)
         kept = "kept" if self._observed else "kept wherever observed"
-        found = kept if number == 0 else f"left {number} time{'s' if number > 1 else ''}"
+        found = kept if number == 0 else f"left {counted(number, 'time')}"
         return self.limit(requirement, name, asked, found)
 
     def share(self, requirement: Requirement, name: str, asked: float, found: float) -> RequirementRow:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
+from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
@@ -87,7 +88,8 @@ class Verdict:
         r = self.report
         return (
             f"<Verdict: {r.verdict}; {100.0 * r.coverage_fraction:.2f} % of the area and "
-            f"{100.0 * r.coverage_of_coverable:.2f} % of the visible ground; {len(r.gaps)} gaps, {len(r.violations)} violations>"
+            f"{100.0 * r.coverage_of_coverable:.2f} % of the visible ground; {counted(len(r.gaps), 'gap')}, "
+            f"{counted(len(r.violations), 'violation')}>"
         )
 
     def _repr_html_(self) -> str:
@@ -271,7 +273,8 @@ def _time_findings(site: Site, window: Window | None) -> list[str]:
     planned = site.scenario.flight_window
     if window is None:
         judged = "as always active" if planned is None else "as in flight_window_utc"
-        return [f"the track has no time of day, so {timed} no-fly zones with times are judged {judged}"]
+        zones = counted(timed, "no-fly zone with times is", "no-fly zones with times are")
+        return [f"the track has no time of day, so {zones} judged {judged}"]
     if planned is None or (planned[0] <= window[0] and window[1] <= planned[1]):
         return []
     return [

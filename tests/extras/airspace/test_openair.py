@@ -101,7 +101,7 @@ def test_classes_open_to_all_are_left_out_and_told():
     assert [zone.name for zone in read.zones] == ["c"]
     assert read.notes == (
         "ignored 2 zones of class E, which are open to all",
-        "ignored 1 zones of class G, which are open to all",
+        "ignored 1 zone of class G, which is open to all",
     )
 
 

@@ -93,9 +93,9 @@ def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "weekend.geojson").write_text(json.dumps(timed))
     weekend = ("check", file, "--dem", DEM, "--return-height", "70m", "--no-fly", tmp_path / "weekend.geojson")
     for more, code, said in (
-        ((), 1, "1 no-fly zones have schedules and count as always active"),
+        ((), 1, "1 no-fly zone has a schedule, but was treated as always active"),
         (("--at", "2026-06-06T09:00Z"), 1, ""),
-        (("--at", "2026-06-05T09:00Z/2h"), 0, "1 of 1 no-fly zones, inactive at that time"),
+        (("--at", "2026-06-05T09:00Z/2h"), 0, "1 of 1 no-fly zone, inactive at that time, was ignored"),
     ):
         ended = cli(*weekend, *more)
         assert (ended.code, said in ended.out) == (code, True), ended.out

@@ -61,7 +61,10 @@ def test_pictures_outside_the_track_are_told(tmp_path):
     write_ulog(tmp_path / "x.ulg", pictures=[type(early)(1.0, early.lat_deg, early.lon_deg, early.number), *rest])
     found = read_pictures([tmp_path / "x.ulg"])
     assert len(found.pictures) == 4
-    assert any("1 photos were taken outside the time of the track" in note for note in found.notes)
+    assert any(
+        "1 photo was taken outside the time of the track and therefore has no height; it is not counted" in note
+        for note in found.notes
+    )
 
 
 def test_logs_without_pictures_or_with_pictures_elsewhere_in_time_are_one_line(tmp_path):

@@ -101,7 +101,7 @@ def test_heights_above_the_ellipsoid_need_the_geoid(monkeypatch):
         raise TerrainError("no grid")
 
     monkeypatch.setattr(placing, "Undulation", none)
-    with pytest.raises(TrackError, match=r"1 photos have heights above the ellipsoid.*--geoid-height"):
+    with pytest.raises(TrackError, match=r"1 photo has a height above the ellipsoid.*--geoid-height"):
         place_pictures([above], FRAME, Assumptions())
 
 

@@ -67,7 +67,7 @@ def test_terrain_files_are_written_and_not_replaced(cli: Cli, tmp_path: Path) ->
         ((AREA, "--around", "far"), "--around"),
         ((AREA, "--dem", DEM, "--dat", "x", "--spacing", "0"), "--spacing: must be 10 to 1000 m, not 0 m"),
         ((AREA, "--dem", DEM, "--dat", "x", "--spacing", "65535"), "--spacing: must be 10 to 1000 m, not 65535 m"),
-        (("-60,-60,60,60",), "the area spans 14884 tiles of 1 degrees; use a part"),
+        (("-60,-60,60,60",), "the area spans 14884 tiles of 1 degree; use a part"),
         (("36.45,-85.8,1500", "--dem", DEM, "--dat", "x"), "no height in any terrain block"),
     ],
 )

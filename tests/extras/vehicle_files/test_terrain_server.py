@@ -16,11 +16,11 @@ def test_serves_until_it_is_told_to_stop_and_says_how_much(number: signal.Signal
     with mock_vehicle("-q", "--behaviour", "observed", "--speed", "20") as (port, _):
         arguments = command("terrain-server", "--dem", DEM, "--to", f"udpout://127.0.0.1:{port}")
         with started(arguments) as server:
-            wait_for_line(server, "terrain blocks; sent")
+            wait_for_line(server, "terrain block; sent")
             server.send_signal(number)
             out, err = server.communicate(timeout=WATCHDOG_S)
     assert server.returncode == 0
-    told = re.search(r"for 1 blocks; sent parts: (\d+); parts not sent because data is missing: 0", out)
+    told = re.search(r"for 1 block; sent parts: (\d+); parts not sent because data is missing: 0", out)
     assert told is not None
     assert int(told[1]) >= 56  # it asks 20 times as often, and again for what is on its way
     assert err.strip() == "stopping"

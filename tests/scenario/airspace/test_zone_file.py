@@ -109,7 +109,7 @@ def test_ed269(tmp_path):
     assert b.floor_amsl_m == pytest.approx(304.8)
     assert b.radius_m == pytest.approx(304.8)
     assert c.name == "prison"
-    assert notes == ("z.json: ignored 1 zones of type NO_RESTRICTION",)
+    assert notes == ("z.json: ignored 1 zone of type NO_RESTRICTION",)
     (left,), _ = zones_of(tmp_path, "z.json", text, ignore=("Airport",))
     assert left.name == "prison"
     (left,), _ = zones_of(tmp_path, "z.json", text, ignore=("CHE-1",))

@@ -12,6 +12,7 @@ from typing import Any
 
 from mission_io.errors import FormatError
 from mission_io.formats.json_node import Node, parse_json
+from mission_io.model.plain_text import counted
 from uavcover.model.active_times import DAYS
 from uavcover.model.area import Ring, Rings
 from uavcover.scenario.airspace.read_zone import METRES, ReadZone, ReadZones, ZoneReader, height_key, shown
@@ -180,11 +181,11 @@ def read_ed318(root: Node) -> ReadZones:
 
 
 def _notes(free: int, by_day: int) -> tuple[str, ...]:
-    notes = [f"ignored {free} zones of type {_FREE}"] if free else []
+    notes = [f"ignored {counted(free, 'zone')} of type {_FREE}"] if free else []
     if by_day:
         notes.append(
-            f"{by_day} zones treated as active all day, because their schedules depend on the sun or holidays, or "
-            "lack a time zone"
+            f"{counted(by_day, 'zone')} treated as active all day, because the schedules depend on the sun or holidays, "
+            "or lack a time zone"
         )
     return tuple(notes)
 

@@ -13,6 +13,7 @@ import numpy as np
 from pyproj import Geod
 
 from mission_io.errors import FormatError
+from mission_io.model.plain_text import counted
 from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones, ZoneReader, height_key, shown
 
 OPEN_TO_ALL = frozenset({"E", "F", "G"})
@@ -88,7 +89,10 @@ def read_openair(text: str) -> ReadZones:
                 active=() if zone.always else tuple(zone.periods),
             )
         )  # fmt: skip
-    notes = tuple(f"ignored {n} zones of class {kind}, which are open to all" for kind, n in sorted(left_out.items()))
+    notes = tuple(
+        f"ignored {counted(n, 'zone')} of class {kind}, {'which is' if n == 1 else 'which are'} open to all"
+        for kind, n in sorted(left_out.items())
+    )
     return ReadZones(tuple(found), notes)
 
 

@@ -16,6 +16,7 @@ from mission_io.model.areas import Fence, FramedPoint
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import Command, Mission
 from mission_io.model.places import doubts_about_fence
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, ScenarioError
 from uavcover.extras.check.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
 from uavcover.extras.check.check import Bounds, Checked, CheckRequest, check_mission
@@ -154,9 +155,12 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         counting = [zone for zone in found if zone.in_force(window)]
         timed = sum(zone.has_times for zone in counting)
         if len(counting) < len(found):
-            user.say(f"{len(found) - len(counting)} of {len(found)} no-fly zones, inactive at that time, were ignored")
+            ignored = len(found) - len(counting)
+            verb = "was" if ignored == 1 else "were"
+            user.say(f"{ignored} of {counted(len(found), 'no-fly zone')}, inactive at that time, {verb} ignored")
         elif timed and window is None:
-            user.say(f"{timed} no-fly zones have schedules, but were treated as always active; give the time with --at")
+            zones = counted(timed, "no-fly zone has a schedule, but was", "no-fly zones have schedules, but were")
+            user.say(f"{zones} treated as always active; give the time with --at")
         return counting
 
     surface = None if elevation.over is None else elevation.read_surface

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.extras.fleet.upload import require_at_once
@@ -69,7 +70,7 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
             else f", or plan again with: uavcover plan SCENARIO --vehicles {vehicles}"
         )
         raise InputError(
-            f"{run}: the plan is for {flying} vehicle{'' if flying == 1 else 's'}, but --to is given {vehicles} times; "
+            f"{run}: the plan is for {counted(flying, 'vehicle')}, but --to is given {counted(vehicles, 'time')}; "
             f"use --to {'once' if flying == 1 else f'{flying} times'}{more}"
         )
     try:

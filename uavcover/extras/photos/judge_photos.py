@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.extras.photos.photo_judgement import BLUR_PX, PhotoRequest, judged, placed_in
 from uavcover.extras.photos.photo_verdict import (
@@ -161,7 +162,8 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
     for name, why in list(verdict.placed.left_out.items())[:_SHOWN_NAMES]:
         user.warn(f"{name}: {why}; this photo is not counted")
     if len(verdict.placed.left_out) > _SHOWN_NAMES:
-        user.warn(f"{len(verdict.placed.left_out) - _SHOWN_NAMES} more photos are not counted; see pictures.csv")
+        more = counted(len(verdict.placed.left_out) - _SHOWN_NAMES, "more photo is", "more photos are")
+        user.warn(f"{more} not counted; see pictures.csv")
     heights = document["height_agl_m"]
     user.say(
         f"{'height':18}{heights['lowest']:.0f} to {heights['highest']:.0f} m above ground, {heights['median']:.0f} m (median)"
@@ -175,7 +177,7 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
         rule = overlap_rule(verdict.site.scenario.sensor)
         user.say(
             f"{'overlap':18}{percent(document['overlap_fraction'])} of the area "
-            f"is in at least {document['pictures_asked']} photos: "
+            f"is in at least {counted(document['pictures_asked'], 'photo')}: "
             f"{'met' if document['overlap_holds'] else 'NOT MET'}" + ("" if rule is None else f" ({rule})")
         )
     user.say(
@@ -193,19 +195,21 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
     if document["blur_median_px"] is not None:
         user.say(
             f"{'blur':18}{document['blur_median_px']:.2f} pixels (median), {document['blur_largest_px']:.2f} at most; "
-            f"{len(document['blurred'])} photos above {BLUR_PX:g}"
+            f"{counted(len(document['blurred']), 'photo')} above {BLUR_PX:g}"
         )
     if document["max_blur_px"] is not None:
         user.say(
-            f"{'blur limit':18}{document['max_blur_px']:g} pixels: {verdict.too_blurred} photos exceed it; the blur of "
+            f"{'blur limit':18}{document['max_blur_px']:g} pixels: "
+            f"{counted(verdict.too_blurred, 'photo exceeds', 'photos exceed')} it; the blur of "
             f"{document['blur_not_known']} is unknown"
         )
     if document["missing_photos"]:
         longest = max(document["missing_photos"], key=lambda stretch: stretch["length_m"])
         user.say(
             f"{'missing photos':18}{sum(stretch['photos'] for stretch in document['missing_photos'])} on "
-            f"{len(document['missing_photos'])} stretches; the longest is {longest['length_m']:.0f} m (usual "
-            f"distance: {longest['usual_m']:.0f} m), from {longest['after']} to {longest['before']}"
+            f"{counted(len(document['missing_photos']), 'stretch', 'stretches')}; the longest is "
+            f"{longest['length_m']:.0f} m (usual distance: {longest['usual_m']:.0f} m), from "
+            f"{longest['after']} to {longest['before']}"
         )
     areas: Counter[str] = Counter()
     for gap in document["gaps"]:

@@ -11,6 +11,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.new.catalog import CameraBody, camera_named
 from uavcover.new.command import NewScenario, new_scenario
@@ -177,8 +178,8 @@ def survey_as_flown(
         user.say(f"{'camera':18}{body}, from the photo metadata; saved in {name}")
         if others:
             user.warn(
-                f"{sum(others.values())} photos are from other cameras ({', '.join(sorted(others))}) and are not "
-                "counted; judge each camera separately, with --camera and its photos"
+                f"{counted(sum(others.values()), 'photo is', 'photos are')} from other cameras "
+                f"({', '.join(sorted(others))}) and not counted; judge each camera separately, with --camera and its photos"
             )
     camera = camera_named(str(area.camera))
     _compare_lens(camera, pictures, user)

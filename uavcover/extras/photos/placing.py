@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import TerrainError, TrackError
 from uavcover.extras.photos.picture import HeightDatum, Picture
 from uavcover.kernels.arrays import BoolArray, FloatArray
@@ -161,7 +162,8 @@ def _geoid_m(lat: FloatArray, lon: FloatArray, wanted: BoolArray, assumed: Assum
         return Undulation().heights_m(lat, lon)
     except TerrainError as error:
         raise TrackError(
-            f"{int(wanted.sum())} photos have heights above the ellipsoid, but PROJ has no geoid grid for them: "
+            f"{counted(int(wanted.sum()), 'photo has a height', 'photos have heights')} above the ellipsoid, but PROJ has "
+            f"no geoid grid for {'it' if wanted.sum() == 1 else 'them'}: "
             "download it (projsync --file us_nga_egm96_15.tif), or specify --geoid-height, the local height of sea "
             "level above the ellipsoid"
         ) from error

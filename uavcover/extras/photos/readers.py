@@ -8,6 +8,7 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
 from uavcover.extras.photos.exif import ENDINGS, read_picture
 from uavcover.extras.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
@@ -38,8 +39,8 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
     pictures = _pictures(path, rows)
     outside = len(rows.pictures) - len(pictures)
     words = (
-        f"{path.name}: {outside} photos were taken outside the time of the track and therefore have no height; "
-        "they are not counted",
+        f"{path.name}: {counted(outside, 'photo was', 'photos were')} taken outside the time of the track and therefore "
+        f"{'has no height; it is' if outside == 1 else 'have no height; they are'} not counted",
     )
     return pictures, (*rows.warnings, *(words if outside else ()))
 
@@ -127,7 +128,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     files_by_name = dict(found)
     for path in lists:
         listed = LISTS[path.suffix.lower()](path)
-        notes.append(f"{len(listed)} photos of {path.name}")
+        notes.append(f"{counted(len(listed), 'photo')} of {path.name}")
         for row in listed:
             # ExifTool's SourceFile is a path.
             file = files_by_name.pop(row.name, None) or files_by_name.pop(PurePath(row.name).name, None)
@@ -135,7 +136,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
             found[name] = replace(_joined(row, file), name=name)
     for path in logs:
         of_log, warnings = read_log(path)
-        notes += [f"{len(of_log)} photos of {path.name}", *warnings]
+        notes += [f"{counted(len(of_log), 'photo')} of {path.name}", *warnings]
         for picture in of_log:
             name = _new_name(picture.name, path, found)
             found[name] = replace(picture, name=name)

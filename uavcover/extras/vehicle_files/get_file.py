@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mission_io.model.plain_text import counted
 from uavcover.cli import options
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def get_file(
         for entry in entries:
             size = "folder" if entry.is_folder else "?" if entry.size_bytes is None else str(entry.size_bytes)
             console.say(f"{size:>12}  {_printable(entry.name)}")
-        console.say(f"{len(entries)} entries in {path}")
+        console.say(f"{counted(len(entries), 'entry', 'entries')} in {path}")
         listed = [{"name": e.name, "folder": e.is_folder, "bytes": e.size_bytes} for e in entries]
         console.result({"from": to, "path": path, "entries": listed})
         return 0
@@ -108,7 +109,7 @@ def get_file(
     if file.suffix in _CONVERTED and (listed_as := _list_of(path)) is not None:
         text, items = _converted(vehicle, to, listed_as, file, console)
         write_file(file, text.encode())
-        console.say(f"wrote {file} ({items} items of {path})")
+        console.say(f"wrote {file} ({counted(items, 'item')} of {path})")
         console.result({"from": to, "path": path, "file": str(file), "items": items})
         return 0
     with connect(vehicle.link_to(to)) as connected, console.progress(f"getting {path}") as bar:

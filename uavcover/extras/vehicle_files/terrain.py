@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from mission_io.model.plain_text import counted
 from uavcover.cli import options
 from uavcover.cli.survey_options import DemOptions
 
@@ -35,7 +36,7 @@ def terrain_server(
         console.say(f"vehicle {connected.client.vehicle.system_id} at {to}: answering from {source} ({datum})")
         counts = serve_terrain(connected.client, heights_of_files(source, datum, console.warn), console)
     console.say(
-        f"requests: {counts.requests} for {counts.blocks} blocks; sent parts: {counts.parts_sent}; parts not sent "
+        f"requests: {counts.requests} for {counted(counts.blocks, 'block')}; sent parts: {counts.parts_sent}; parts not sent "
         f"because data is missing: {counts.parts_unknown}"
     )
     console.result({"to": to, "dem": [str(file) for file in source.files], "vertical_datum": datum, **asdict(counts)})
@@ -107,7 +108,7 @@ def terrain(
         heights = heights_of_files(source, datum, console.warn)
         written = write_terrain_files(heights, found.around, dat, spacing_m=spacing, force=force, user=console)
         for name, blocks in written.items():
-            console.say(f"wrote {dat / name} ({blocks} blocks)")
+            console.say(f"wrote {dat / name} ({counted(blocks, 'block')})")
         document["dat"] = {str(dat / name): blocks for name, blocks in written.items()}
     console.result(document)
     return 0 if share == 1.0 else 1

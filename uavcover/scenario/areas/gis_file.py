@@ -11,6 +11,7 @@ import shapely
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.model.area import Rings
 from uavcover.scenario.areas.features import AreaDocument, AreaFeature
@@ -148,7 +149,9 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
         names = ", ".join(dict.fromkeys(one.layer for one in found))
         missing = "" if layer is None else f"the file has no layer {layer!r}, and "
         raise InputError(f"{path}: {missing}the layers ({names}) differ in coordinate system; choose one with --layer")
-    return AreaDocument(str(path), tuple(found), crs, f"{others} features without a polygon" if others else "")
+    return AreaDocument(
+        str(path), tuple(found), crs, f"{counted(others, 'feature')} without a polygon" if others else ""
+    )
 
 
 def _inside_zip(path: Path) -> str:

@@ -17,6 +17,7 @@ from mission_io.formats.dialects import words_of
 from mission_io.formats.drawings import Drawing
 from mission_io.formats.json_node import Node, parse_json
 from mission_io.model.areas import Fence, LatLon
+from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.model.area import Ring, Rings
 from uavcover.scenario.areas.features import WGS84, AreaDocument, AreaFeature
@@ -234,7 +235,9 @@ def read_plan(text: str, source: str) -> AreaDocument:
             found.append(AreaFeature(((tuple((lon, lat) for lat, lon in places),),), layer="survey"))
     features = tuple(found) or _of_fence(document.fence, "fence")
     flown = len(document.mission.items)
-    return AreaDocument(source, features, others=f"{flown} mission items" if flown else "", rings_may_be_open=True)
+    return AreaDocument(
+        source, features, others=counted(flown, "mission item") if flown else "", rings_may_be_open=True
+    )
 
 
 def _of_drawing(drawing: Drawing, source: str) -> AreaDocument:
@@ -279,7 +282,7 @@ def circle_ring(lat_deg: float, lon_deg: float, radius_m: float) -> Ring:
 
 
 def _counted(others: Counter[str]) -> str:
-    return ", ".join(f"{n} {kind}{'s' if n != 1 else ''}" for kind, n in others.items() if n)
+    return ", ".join(counted(n, kind) for kind, n in others.items() if n)
 
 
 TEXT_FORMATS: Final[Mapping[str, Callable[[str, str], AreaDocument]]] = MappingProxyType(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.active_times import is_flight_time
@@ -48,7 +49,9 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     positions = rows.positions.reshape(-1, 4)
     has_fix = (positions[:, 1] != 0.0) | (positions[:, 2] != 0.0)
     if not has_fix.all():
-        warnings.append(f"{path}: {int((~has_fix).sum())} positions (0, 0) before the first fix were ignored")
+        before_fix = "(0, 0) before the first fix"
+        early = counted(int((~has_fix).sum()), f"position {before_fix} was", f"positions {before_fix} were")
+        warnings.append(f"{path}: {early} ignored")
         positions = positions[has_fix]
     if len(positions) == 0:
         raise TrackError(f"{path}: the log contains no positions")
@@ -63,7 +66,8 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         )
     repeated = positions[:, 0] == before
     if repeated.any():
-        warnings.append(f"{path}: {int(repeated.sum())} positions with a repeated time were ignored")
+        again = counted(int(repeated.sum()), "position with a repeated time was", "positions with a repeated time were")
+        warnings.append(f"{path}: {again} ignored")
         positions = positions[~repeated]
     bad = ~(np.isfinite(positions).all(axis=1) & (np.abs(positions[:, 1]) <= 90.0) & (np.abs(positions[:, 2]) <= 180.0))
     if bad.any():
