@@ -24,10 +24,10 @@ def steps(
     page.fill("#f-gsd", "4cm")
     page.fill("#f-battery", "30min")
     page.fill("#f-position", PLACES[0])
-    page.click("text=Take off there")
+    page.click("text=Take off at this position")
     p.until("window.uavcover.state.draft.home")
     page.fill("#f-position", PLACES[1])
-    page.click("text=Rally point there")
+    page.click("text=Add rally point at this position")
     p.until("window.uavcover.state.draft.rally.length && window.uavcover.state.design?.flights")
     page.fill("#f-position", "")
     yield "area"

@@ -231,7 +231,7 @@ def _check(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     folder = workspace.path(f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}" if asked.get("sortie") else run)
     mission = folder / "mission.plan"
     if not mission.is_file():
-        raise InputError(f"{folder.name}: the run folder has no mission.plan; choose one of its flights, or plan again")
+        raise InputError(f"{folder.name}: the run folder has no mission.plan; choose one of its sorties, or plan again")
     scenario = load_scenario(str(folder / "scenario.toml"))
     if not isinstance(scenario.terrain, RasterTerrain):
         raise InputError(f"{folder.name}: the scenario has no elevation data; the check requires it")

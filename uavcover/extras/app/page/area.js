@@ -145,7 +145,7 @@ export function addCorner(place) {
   state.corners.push(place);
   map.waypoints(state.corners, state.corners.length - 1);
   map.set("incumbent", [{ type: "Feature", properties: {}, geometry: { type: "LineString", coordinates: state.corners } }]);
-  say(`${state.corners.length} ${t("cornersSet")}`);
+  say(`${t("cornersSet")} ${state.corners.length}`);
 }
 // Enter on the map finishes what a finger or the mouse drew, too.
 export function finishCorners() {

@@ -45,7 +45,7 @@ function waypointEditor() {
     el("div", { class: "scroll" }, el("table", {}, el("tr", {}, el("th", { scope: "col" }, t("point")), el("th", { scope: "col" }, t("lat")), el("th", { scope: "col" }, t("lon")), el("th", { scope: "col" }, t("agl"))), ...rows)),
     el("div", { class: "row" }, button(t("saveEdited"), () => attempt(async () => follow(await api("/api/route/save", { run: state.name, waypoints: edit.points }))), { class: "main", id: "save-edited", disabled: edit.bad.length > 0 }), button(t("cancelEdit"), () => { state.edit = null; attempt(() => openScene(state.name, "plan", { keepView: true })); }))];
 }
-const editState = () => state.edit.bad.length ? `${state.edit.bad.length} ${t("broken")}: ${state.edit.texts[0] ?? ""}` : `${t("allLegsHold")} ${Number.isFinite(state.edit.coverage) ? `${t("coverage")} ${percent(state.edit.coverage, 2)}` : ""}`;
+const editState = () => state.edit.bad.length ? `${t("broken")}: ${state.edit.bad.length}. ${state.edit.texts[0] ?? ""}` : `${t("allLegsHold")} ${Number.isFinite(state.edit.coverage) ? `${t("coverage")} ${percent(state.edit.coverage, 2)}` : ""}`;
 function beginEdit() { state.edit = { points: copyOf(state.scene.route), past: [], future: [], chosen: 0, bad: [], texts: [], coverage: NaN }; showEdit(); drawPanel(); checkEdit(); }
 function keep(edit) { edit.past.push(copyOf(edit.points)); edit.future = []; }
 export function moveInTime(edit, from, to) { if (!edit[from].length) return; edit[to].push(copyOf(edit.points)); edit.points = edit[from].pop(); edit.chosen = Math.min(edit.chosen, edit.points.length - 1); showEdit(); drawPanel(); checkEdit(); }
