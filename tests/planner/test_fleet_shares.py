@@ -59,6 +59,16 @@ def planned(tmp_path_factory: pytest.TempPathFactory, said: Listener) -> RunFold
     return RunFolder(folder / "run")
 
 
+def test_the_mission_of_fewer_vehicles_is_told(planned: RunFolder, said: Listener) -> None:
+    mission = planned.read_json("plan.json", made_by="test")["mission"]
+    sizes = mission.pop("by_vehicles")
+    assert [size["vehicles"] for size in sizes] == [1, 2, 3]
+    assert sizes[-1] == mission
+    times_s = [size["makespan_s"] for size in sizes]
+    assert times_s == sorted(times_s, reverse=True)
+    assert any(line.startswith("mission time of this route by number of vehicles: 1 in") for line in said.lines)
+
+
 def test_each_vehicle_has_a_pad_and_a_part(planned: RunFolder, said: Listener) -> None:
     document = planned.read_json("plan.json", made_by="test")
     fleet, site = document["fleet"], load_site(load_scenario(planned.file("scenario.toml")))

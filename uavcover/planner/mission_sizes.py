@@ -11,10 +11,11 @@ import numpy as np
 from uavcover.errors import InputError
 from uavcover.kernels.dominance import least_crowded
 from uavcover.missions.flights import mission_size
-from uavcover.model.route import MissionSize, Plan, RouteMember
+from uavcover.model.route import MissionSize, Plan, Route, RouteMember
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planner.budget import CommandTime
 from uavcover.planner.selection_rule import Rule, parse_rule, select_flown
+from uavcover.scenario.pads import before_pads, on_pads
 from uavcover.scenario.site import Site
 
 _MOST_S = 4.0
@@ -91,13 +92,18 @@ def _by_vehicles(
     site: Site, chosen: RouteMember, autopilot: AutopilotName | None, most: int
 ) -> tuple[MissionSize, ...]:
     """Mission size of the chosen route with one vehicle, two and so on. None where there is one, or they differ."""
-    if most == 1 or site.scenario.vehicles or chosen.mission is None:
+    alike = before_pads(site) if site.scenario.vehicles else site
+    if most == 1 or alike is None or chosen.mission is None:
         return ()
     counts = np.unique(np.linspace(1, most, min(most, _MOST_COUNTS)).round().astype(int)).tolist()
     if sum(_seconds(chosen, count) for count in counts) > _MOST_S:
         counts = [1, most]
-    sizes = (mission_size(site, chosen.route, autopilot=autopilot, vehicles=count) for count in counts)
-    return tuple(size for size in dict.fromkeys(sizes) if size is not None)
+    route = Route(chosen.route.waypoints_m)  # fewer vehicles fly all parts of it
+    sites = [alike.flown_by(count) for count in counts[:-1]]
+    if alike is not site:
+        sites = [on_pads(own) for own in sites]
+    fewer = [mission_size(own, route, autopilot=autopilot) for own in sites]
+    return tuple(size for size in dict.fromkeys((*fewer, chosen.mission)) if size is not None)
 
 
 def _worth_sizing(members: Sequence[RouteMember], chosen: int, vehicles: int, most_s: float) -> list[int]:

@@ -77,6 +77,17 @@ def on_pads(site: Site) -> Site:
     )
 
 
+def before_pads(site: Site) -> Site | None:
+    """The site whose vehicles :func:`on_pads` placed here; none where they stand elsewhere, or share one home."""
+    scenario = site.scenario
+    before = dataclasses.replace(site, scenario=dataclasses.replace(scenario, vehicles=()))
+    try:
+        pads = [vehicle.home for vehicle in on_pads(before).scenario.vehicles]
+    except ScenarioError:
+        return None
+    return before if pads and pads == [vehicle.home for vehicle in scenario.vehicles] else None
+
+
 def _candidates(site: Site, home_en: FloatArray, spacing_m: float) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Positions around a home, the best ones first, and the axes along which they are to be apart from other pads.
 
