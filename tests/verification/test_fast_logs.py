@@ -160,7 +160,12 @@ def test_a_plain_table_is_read_as_row_by_row(flown, tmp_path, monkeypatch) -> No
                 *track.attitude_deg[k],
                 track.current_waypoint[k],
             ]
-            writer.write(TrackSample(*row, attitude_age_s=track.attitude_age_s[k], unix_time_s=1.7e9 + k))
+            more = {
+                "attitude_age_s": track.attitude_age_s[k],
+                "pictures_taken": float(k // 2),
+                "unix_time_s": 1.7e9 + k,
+            }
+            writer.write(TrackSample(*row, **more))
     monkeypatch.setattr(track_file, "_BLOCK_BYTES", 1000)
     plain = track_file._plain_track(path)
     assert plain is not None
