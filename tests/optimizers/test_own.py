@@ -60,8 +60,8 @@ PYMOO = [
 ]  # fmt: skip
 REFUSED = {
     "MOEAD": "one candidate at a time",
-    "RNSGA2": "needs ref_points: write a subclass",
-    "RNSGA3": "needs ref_points, pop_per_ref_point: write a subclass",
+    "RNSGA2": "requires ref_points; write a subclass",
+    "RNSGA3": "requires ref_points, pop_per_ref_point; write a subclass",
     "DNSGA2": "DNSGA2 only works for unconstrained problems",
 }
 
