@@ -28,6 +28,7 @@ from uavcover.mock.server import BackgroundMock, MockServer, mock_endpoint, run
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 SPEED = 40.0
+WATCHDOG_S = 120.0
 
 PROCESS = """
 import sys
@@ -48,7 +49,7 @@ def mock_process(speed: float = SPEED) -> Iterator[tuple[subprocess.Popen[str], 
     with subprocess.Popen(
         [sys.executable, "-c", PROCESS, *home, repr(speed)], stdout=subprocess.PIPE, text=True
     ) as process:
-        watchdog = threading.Timer(60.0, process.kill)
+        watchdog = threading.Timer(WATCHDOG_S, process.kill)
         watchdog.start()
         try:
             assert process.stdout is not None
@@ -77,7 +78,7 @@ def test_a_process_of_its_own_is_flown_and_ends_cleanly():
         assert outcome.ending is Ending.LANDED
         assert outcome.sample_count == len(samples) > 500
         process.send_signal(signal.SIGTERM)
-        assert process.wait(5.0) == 0
+        assert process.wait(WATCHDOG_S) == 0
 
 
 def test_a_process_that_is_stopped_in_the_middle_of_an_upload_is_an_error():
