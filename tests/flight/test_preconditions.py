@@ -6,13 +6,14 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Command
+from mission_io.model.items import Command, Mission, trigger_camera_every
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, Scene, above_home, make_scene, mission
 from tests.flight.test_limits import the_plan
 from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.modes import Mode
 from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.mock import behaviour
 from uavcover.mock.commands import handle
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError
 
@@ -198,6 +199,29 @@ def test_a_change_that_is_not_broadcast_is_found_by_reading_each_parameter_again
     assert any("MIS_RESTART was changed in flight" in text for text in scene.told(EventKind.WARNING))
     asked = [name for name in scene.told(EventKind.WARNING) if "was changed" in name]
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize(("autopilot", "name"), [(ARDUPILOT, "CAM1_TRIGG_DIST"), (PX4, "TRIG_DISTANCE")])
+@pytest.mark.parametrize(("distance_m", "warnings"), [(15.0732, 0), (30.0, 1)], ids=["the mission's", "another"])
+def test_the_trigger_distance_that_the_mission_itself_sets_is_no_change(
+    monkeypatch, autopilot, name, distance_m, warnings
+):
+    """ArduCopter and PX4 store DO_SET_CAM_TRIGG_DIST in this parameter; every survey was warned of it."""
+    number, known = autopilot.mav_autopilot, behaviour.PARAMETERS
+    monkeypatch.setattr(behaviour, "PARAMETERS", {number: {**known[number], name: behaviour.MockParameter()}})
+    scene, plan = scene_of(autopilot, **{name: 0.0}), the_plan()
+    *before, last, landing = plan.mission.items
+    survey = Mission(HOME, (*before, trigger_camera_every(15.0732), trigger_camera_every(0.0), last, landing))
+    scene.upload(survey)
+
+    def change(scene: Scene) -> None:
+        scene.vehicle.parameters.put(name, distance_m)
+        scene.vehicle.send(scene.vehicle.parameters.message(name))
+
+    outcome, _ = flown(scene, change, plan=dataclasses.replace(plan, mission=survey))
+    assert outcome.ending is Ending.LANDED
+    told = [text for text in scene.told(EventKind.WARNING) if f"{name} was changed in flight from 0 to" in text]
+    assert len(told) == warnings
 
 
 def square(half_m: float) -> Fence:

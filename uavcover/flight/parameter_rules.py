@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from mission_io.data_tables import read_document
+from mission_io.model.items import Command
 
 Facts = Mapping[str, float]
 """What the plan counts on, by name; in metres, seconds and degrees, and 1 or 0 for yes or no."""
@@ -172,6 +173,7 @@ class ParameterRow:
     worse: tuple[RuleCase, ...] = ()  # what breaking the rule means, the first that fits
     fine: str = ""  # what the table says when it is so
     flown: str = ""  # what breaking the rule in flight means besides, at once
+    set_by: Command | None = None  # the mission's command whose first parameter the autopilot stores here
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,7 +273,7 @@ def read_table(document: Mapping[str, Any], file: str) -> ParameterTable:
 _ROW_KEYS = frozenset(
     {
         "names", "key", "category", "what", "why", "unit", "doing", "planned", "default", "shown", "returns", "other_version",
-        "if", "moot", "rule", "worse", "fine", "flown",
+        "if", "moot", "rule", "worse", "fine", "flown", "set_by",
     }
 )  # fmt: skip
 _PLAIN = ("category", "what", "why", "unit", "doing", "planned", "default", "shown", "returns", "other_version")
@@ -294,8 +296,9 @@ def _row(table: Mapping[str, Any], where: str) -> ParameterRow:
         for case in table.get("worse", ())
     )  # fmt: skip
     applies = tuple(_condition(text, where) for text in table.get("if", ()))
+    set_by = Command[table["set_by"]] if "set_by" in table else None
     rest = {name: table[name] for name in (*_PLAIN, "moot", "fine", "flown") if name in table}
-    return ParameterRow(names=names, key=key, rule=rule, worse=worse, applies=applies, **rest)
+    return ParameterRow(names=names, key=key, rule=rule, worse=worse, applies=applies, set_by=set_by, **rest)
 
 
 def _condition(text: str, where: str) -> RuleCondition:

@@ -176,8 +176,10 @@ class _SettingsWatch:
             changed = {
                 name: value
                 for name, value in values.items()
-                if name in self.values and not math.isclose(value, self.values[name], rel_tol=1e-5, abs_tol=1e-6)
+                if name in self.values and not _same(value, self.values[name])
             }
+            by_mission = {name for name, value in changed.items() if self._is_set_by_mission(name, value)}
+            self.values.update((name, changed.pop(name)) for name in by_mission)
             if changed:
                 self._take(changed)
         if self._worse or session.watch.is_open(Ending.SETTINGS_CHANGED):
@@ -219,6 +221,12 @@ class _SettingsWatch:
         )
         return {row.parameter: row for row in rows if row.parameter}
 
+    def _is_set_by_mission(self, name: str, value: float) -> bool:
+        row = parameter_table(px4=self._px4).row_of(name)
+        return row is not None and any(
+            item.command == row.set_by and _same(item.params[0], value) for item in self._plan.mission.items
+        )
+
     def _take(self, changed: Mapping[str, float]) -> None:
         table, session = parameter_table(px4=self._px4), self._session
         was, was_rows = dict(self.values), self._rows()
@@ -250,6 +258,10 @@ class _SettingsWatch:
             )
         if any((row := table.row_of(name)) is not None and row.returns for name in changed):
             self._returns_changed(self.values)
+
+
+def _same(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=1e-5, abs_tol=1e-6)
 
 
 def _grew(row: Limit, before: Limit | None) -> bool:
