@@ -45,8 +45,8 @@ def test_leaves_the_layout_that_was_promised(cli: Cli, tmp_path: Path) -> None:
 
 def test_the_same_command_again_makes_nothing(cli: Cli, tmp_path: Path) -> None:
     arguments = ("bench", "mmf", "--functions", "MMF2", "--algorithms", "uniform", "--runs", 1, "-o", tmp_path, *SMALL)
-    assert "1 runs, 0 of them already" in cli(*arguments).out
-    assert "1 runs, 1 of them already" in cli(*arguments).out
+    assert f"runs: 1; already in {tmp_path}: 0" in cli(*arguments).out
+    assert f"runs: 1; already in {tmp_path}: 1" in cli(*arguments).out
 
 
 @pytest.mark.parametrize(
