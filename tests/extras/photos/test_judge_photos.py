@@ -318,7 +318,7 @@ def test_photos_of_a_second_camera_are_named(cli, tmp_path, flown):
     ended = cli(
         "judge-photos", tmp_path / "DCIM", "--area", AREA, "--dem", DEM, "--no-refly", "-o", tmp_path / "out", "--json"
     )
-    assert "3 photos are from other cameras (DJI P1) and are not counted; judge each camera separately" in ended.err
+    assert "3 photos are from other cameras (DJI P1) and not counted; judge each camera separately" in ended.err
     assert ended.err.count("the minimum photo interval of") == 1
     assert ended.document["counted"] == 12
 
