@@ -126,6 +126,25 @@ def test_a_battery_that_lasts_only_for_the_way_home_brings_it_home(autopilot):
 
 
 @AUTOPILOTS
+@pytest.mark.parametrize(("charge", "warned"), [(1.0, False), (0.5, True)])
+def test_a_battery_that_does_not_last_for_the_mission_is_told_before_arming(autopilot, charge, warned):
+    needs = PlanNeeds(
+        pace=PACE, return_height_m=30.0, fence=False, vehicle=Vehicle(endurance_s=150.0, reserve_fraction=0.2)
+    )
+    scene = scene_of(autopilot, battery=BatteryData(endurance_s=1000.0))
+    scene.vehicle.body.battery.remaining = charge
+    flown(scene, needs=needs)
+    said = [event.text for event in scene.events]
+    warnings = [
+        text for text in said if text.startswith(f"the battery has {100.0 * charge:.0f} % left, but the mission")
+    ]
+    assert len(warnings) == warned
+    if warned:
+        assert "and the reserve is 20 %" in warnings[0]
+        assert said.index(warnings[0]) < said.index("armed")
+
+
+@AUTOPILOTS
 def test_a_landing_on_the_reserve_is_no_good_flight(autopilot):
     needs = PlanNeeds(pace=PACE, return_height_m=30.0, fence=False, vehicle=Vehicle(endurance_s=200.0))
     outcome, text = flown(

@@ -29,6 +29,7 @@ from uavcover.flight.readiness import (
 )
 from uavcover.flight.recorder import Recorder
 from uavcover.flight.return_home import PlanReturn, return_home
+from uavcover.flight.schedule import tell_short_battery
 from uavcover.flight.session import Session, Stopped, TakenOverError
 from uavcover.flight.tuning import PREPARATION
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
@@ -315,6 +316,7 @@ def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanRetur
         flight.limits.check(plan)
         flight.watch_preconditions(plan)
         tell_own_returns(session, plan.returns)
+        tell_short_battery(session, plan)
         _wait_for_clearance(session, flight.orders.clearance)
         session.prepare(lambda: _refuse_armed(session), while_in=tuple(Mode))
         flight.orders.on_begin()

@@ -15,7 +15,7 @@ from uavcover.flight.session import Session
 from uavcover.flight.tuning import RESERVE, SCHEDULE
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
-from uavcover.model.outcome import Ending
+from uavcover.model.outcome import Ending, EventKind
 from uavcover.model.vehicle import Vehicle
 
 # Battery use of a flight: whether the charge lasts for the rest of the mission, or only for the return.
@@ -129,6 +129,23 @@ def timetable(plan: FlightPlan, pace: Pace) -> Timetable | None:
 
 def _wait_s(command: int, seconds: float) -> float:
     return seconds if command in _WAITS and math.isfinite(seconds) and seconds > 0.0 else 0.0
+
+
+def tell_short_battery(session: Session, plan: FlightPlan) -> None:
+    """Warn, before arming, of a battery that does not last for the mission above its reserve; it would fly home early."""
+    needs, status = plan.needs, session.monitor.latest(SysStatus)
+    vehicle, table = (None, None) if needs is None else (needs.vehicle, timetable(plan, needs.pace))
+    left = None if status is None else status.battery_remaining_percent
+    if vehicle is None or vehicle.endurance_s is None or table is None or left is None or left < 0:
+        return
+    used, reserve = 100.0 * table.total_s / vehicle.endurance_s, 100.0 * vehicle.reserve_fraction
+    if left + RESERVE.rounding_percent < used + reserve:
+        session.tell(
+            EventKind.WARNING,
+            f"the battery has {left} % left, but the mission uses about {used:.0f} % and the reserve is {reserve:.0f} %: the "
+            "vehicle may return before it is done; change or charge the battery",
+            alarm=True,
+        )
 
 
 class FlightSchedule:
