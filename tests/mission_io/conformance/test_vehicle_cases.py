@@ -148,7 +148,7 @@ def test_a_list_that_the_vehicle_does_not_have_is_not_kept_and_the_others_are_tr
     class Without(VehiclePeer):
         lacks, result = MissionType.RALLY, MissionResult.UNSUPPORTED
 
-        def instead(self, message: m.Message, now: float) -> list[m.Message] | None:
+        def instead(self, message: m.Message, *_: object) -> list[m.Message] | None:
             refused = isinstance(message, m.MissionRequestList) and message.mission_type == self.lacks
             return [m.MissionAck(255, 190, self.result, self.lacks)] if refused else None
 
@@ -168,7 +168,7 @@ def test_a_list_that_is_refused_is_told_from_one_that_is_lost() -> None:
         full.hold(MissionType.MISSION, sample(MissionType.MISSION, 6))
 
     class Keeping(VehiclePeer):
-        def on_message(self, received: m.Received, now: float) -> None:
+        def on_message(self, *_: object) -> None:
             if self.server.events():
                 self.server.set_items(MissionType.MISSION, sample(MissionType.MISSION, 2))
 
