@@ -22,7 +22,7 @@ from tests.cli.conftest import (
 )
 from uavcover.model.route import RouteMetrics
 from uavcover.planner.command import PlanRequest, plan_into
-from uavcover.planner.plan_words import progress_in_words, room_in_words
+from uavcover.planner.plan_words import progress_in_words, room_in_words, search_in_words
 from uavcover.planner.planner import SearchProgress
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
@@ -298,3 +298,10 @@ def test_parts_are_a_number_or_auto(cli: Cli, tmp_path: Path, parts: str) -> Non
 def test_rally_is_home_or_auto(cli: Cli, tmp_path: Path) -> None:
     result = cli("plan", "jacksboro", "-o", tmp_path / "run", "--rally", "everywhere")
     assert (result.code, "--rally: must be auto or home, not 'everywhere'" in result.err) == (2, True)
+
+
+def test_a_search_without_time_is_said_so():
+    assert search_in_words(300, "memetic", beaten=False) == "300 evaluations of memetic"
+    assert search_in_words(1, "memetic", beaten=True) == "1 evaluation of memetic found no better route"
+    assert search_in_words(0, "memetic", beaten=True) == "memetic had no time to search; increase --budget"
+    assert search_in_words(0, "gap-closing", beaten=False) == "0 evaluations of gap-closing"

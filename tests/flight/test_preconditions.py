@@ -222,6 +222,7 @@ def test_the_trigger_distance_that_the_mission_itself_sets_is_no_change(
     assert outcome.ending is Ending.LANDED
     told = [text for text in scene.told(EventKind.WARNING) if f"{name} was changed in flight from 0 to" in text]
     assert len(told) == warnings
+    assert all(text.endswith("to 30: the mission sets it to 15.0732") for text in told)
 
 
 def square(half_m: float) -> Fence:

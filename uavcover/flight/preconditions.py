@@ -222,10 +222,12 @@ class _SettingsWatch:
         return {row.parameter: row for row in rows if row.parameter}
 
     def _is_set_by_mission(self, name: str, value: float) -> bool:
+        return any(_same(value, own) for own in self._own_values(name))
+
+    def _own_values(self, name: str) -> list[float]:
+        """Values of a parameter that the mission itself sets."""
         row = parameter_table(px4=self._px4).row_of(name)
-        return row is not None and any(
-            item.command == row.set_by and _same(item.params[0], value) for item in self._plan.mission.items
-        )
+        return [] if row is None else [i.params[0] for i in self._plan.mission.items if i.command == row.set_by]
 
     def _take(self, changed: Mapping[str, float]) -> None:
         table, session = parameter_table(px4=self._px4), self._session
@@ -242,6 +244,7 @@ class _SettingsWatch:
             and name in rows
             and rows[name].weight is not Weight.NONE
         ]
+        flown += [f"the mission sets it to {max(own):g}" for name in changed if (own := self._own_values(name))]
         reasons = flown + [row.sentence for row in worse]
         flight = "return" if self._plan.is_way_home else "mission"
         text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; this does not affect the {flight}"

@@ -72,9 +72,15 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
             words += f", {ends[0]:.2f} to {ends[1]:.2f} cm per pixel at nadir"
         user.say(f"{'photos':22}{words}")
     maker = result.chosen.origin
-    search = f"{result.evaluations} evaluations of {result.algorithm}"
     beaten = any(member.origin == maker for member in result.baselines)
-    user.say(f"{'route made by':22}{maker}" + (f"; {search} found no better route" if beaten else f"; {search}"))
+    user.say(f"{'route made by':22}{maker}; {search_in_words(result.evaluations, result.algorithm, beaten=beaten)}")
+
+
+def search_in_words(evaluations: int, algorithm: str, *, beaten: bool) -> str:
+    """What a search did; ``beaten`` where the chosen route is a baseline."""
+    if evaluations == 0 and beaten:
+        return f"{algorithm} had no time to search; increase --budget"
+    return f"{counted(evaluations, 'evaluation')} of {algorithm}" + (" found no better route" if beaten else "")
 
 
 def _listed(shares: Sequence[str]) -> str:
