@@ -118,7 +118,7 @@ def test_zones_with_times_are_judged_by_the_time_of_day_of_the_track(active, win
         "the vehicle entered no-fly zone prison, which is inactive in flight_window_utc; the track has no time of day"
     )
     assert any(told in doubt for doubt in report.doubts) == (verdict == "unknown")
-    findings = [line for line in report.findings if "no-fly zones" in line]
+    findings = [line for line in report.findings if "no-fly zone" in line]
     assert findings == [] if said is None else said in findings[0]
     assert (report.flown_utc is None) == (unix_s is None)
     rows = {row.name: row.asked for row in requirement_rows(site.scenario, report)}
