@@ -77,7 +77,7 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
 
 
 def search_in_words(evaluations: int, algorithm: str, *, beaten: bool) -> str:
-    """What a search did; ``beaten`` where the chosen route is a baseline."""
+    """Work of a search and whether it found the route; ``beaten`` where the chosen route is a baseline."""
     if evaluations == 0 and beaten:
         return f"{algorithm} had no time to search; increase --budget"
     return f"{counted(evaluations, 'evaluation')} of {algorithm}" + (" found no better route" if beaten else "")
