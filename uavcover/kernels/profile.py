@@ -242,7 +242,7 @@ def _narrow(
     Args:
         surface: the ground.
         east: (n,) of the samples.
-        north: (n,) likewise.
+        north: (n,) of the samples.
         lowest: (n,) up coordinates of the lower end of the band.
         low: its height above ground.
         highest: (n,) up coordinates of the upper end.

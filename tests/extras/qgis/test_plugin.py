@@ -101,11 +101,11 @@ def test_an_error_is_the_programs_own_line(tmp_path: Path, text: str) -> None:
 def test_cancelling_stops_as_ctrl_c(tmp_path: Path) -> None:
     command = program_of(
         tmp_path,
-        "import signal, sys, time\n"
+        "import signal, sys\n"
         'def end(*_):\n    print(\'{"run": "kept"}\', flush=True)\n    sys.exit(130)\n'
         "signal.signal(signal.SIGINT, end)\n"
         'print(\'{"say": "begun"}\', file=sys.stderr, flush=True)\n'
-        "time.sleep(60)\n",
+        "signal.pause()\n",
     )
     feedback = Feedback(cancel_at="begun")
     assert runner.run(command, [], feedback) == {"run": "kept"}
