@@ -103,6 +103,20 @@ def test_a_step_beside_a_cell_rises_on_its_own_side_alone():
     assert 20.0 / 5.0 <= rise[1, sector_of(1.0, 0.1)] < 7.0
 
 
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("flattest", [0.2, 1.4])
+def test_ground_that_rises_less_than_the_flattest_ray_is_left_out(seed, flattest):
+    surface = rough(seed, gap=seed == 5)
+    centre = places(surface, cases(compiled=60, interpreted=3), seed)
+    closely = bool(seed % 2)
+    rise = rises(surface, centre, reach_m=REACH_M, flattest=flattest, closely=closely)[:, CLEAR_FROM]
+    known = rises(surface, centre, reach_m=REACH_M, closely=closely)[:, CLEAR_FROM]
+    least = np.nextafter(np.float32(flattest), np.float32(math.inf))
+    np.testing.assert_allclose(rise, np.maximum(known, least), rtol=1e-6)
+    assert (rise > least).any()
+    assert (rise == least).any() or flattest < 1.0
+
+
 def test_sectors_are_sixteenths_of_a_turn():
     turns = (np.arange(720) + 0.5) * math.pi / 360.0
     sectors = [sector_of(math.cos(turn), math.sin(turn)) for turn in turns]
@@ -146,7 +160,7 @@ def test_the_same_is_seen_with_bounds_and_without(seed, gap):
     lattice.ravel()[there] = np.arange(there.sum())
     centre = np.column_stack([east.ravel(), north.ravel(), up])[there]
     normal = np.tile([0.0, 0.0, 1.0], (len(centre), 1))
-    rise = rises(surface, centre, reach_m=REACH_M, flattest=0.0 if seed % 2 else math.inf)
+    rise = rises(surface, centre, reach_m=REACH_M, closely=bool(seed % 2))
     for array in (lattice, centre, normal, rise):
         array.flags.writeable = False
     horizon = np.zeros(len(centre))
@@ -167,7 +181,7 @@ def test_the_same_is_seen_with_bounds_and_without(seed, gap):
 def test_rays_below_the_ground_of_a_whole_ring_are_hidden(seed, gap):
     surface = rough(seed, gap=gap)
     centre = places(surface, cases(compiled=60, interpreted=3), seed)
-    rise = rises(surface, centre, reach_m=REACH_M, flattest=0.0)
+    rise = rises(surface, centre, reach_m=REACH_M, closely=True)
     rng = np.random.default_rng(seed)
     known = 0
     for k, place in enumerate(centre):
@@ -187,7 +201,7 @@ def test_a_wall_hides_what_is_behind_it_from_low_rays():
     nodes[:, 25:27] = 20.0
     surface = grid_ground(nodes, east0_m=-40.0, north0_m=-35.0, step_m=2.0, source="t", vertical_datum="local").surface
     # The wall is 20 m high from 10 to 12 m east.
-    rise = rises(surface, np.array([[5.0, 0.9, 0.0]]), reach_m=REACH_M, flattest=0.0)[0]
+    rise = rises(surface, np.array([[5.0, 0.9, 0.0]]), reach_m=REACH_M, closely=True)[0]
     towards = sector_of(1.0, 0.1)
     assert 2.0 < rise[HIDDEN_BELOW, towards] < rise[CLEAR_FROM, towards]
     assert 5.0 < rise[HIDDEN_BEYOND_M, towards] < 9.0

@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
-from uavcover.kernels.grid import growth_on_grid, on_grid
+from uavcover.kernels.grid import growth_on_grid, on_grid, slope_of_cell
 from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.sight import highest_in_squares
 from uavcover.kernels.surface import GRID, Surface
@@ -61,7 +62,7 @@ def sector_of(east: float, north: float) -> int:
 
 
 def rises(
-    surface: Surface, centre: NDArray[np.float64], *, reach_m: float, flattest: float = math.inf
+    surface: Surface, centre: NDArray[np.float64], *, reach_m: float, flattest: float = 0.0, closely: bool = False
 ) -> NDArray[np.float32]:
     """(n, 3, 16) what decides rays from each cell in each sector; (0, 3, 16) where it would not pay.
 
@@ -72,7 +73,9 @@ def rises(
         surface: the ground; on an analytic one rays are cheap.
         centre: (n, 3) of the cells, on the ground or above it.
         reach_m: on the map; rays to places further away are no matter.
-        flattest: tangent of the flattest ray that is asked for; with none, bounds are found sooner and less close, and no ray is
+        flattest: tangent of the flattest ray that is asked for, 0 at least: the least of CLEAR_FROM. Ground that rises less hides
+            nothing, and is left out.
+        closely: find close bounds, and the rays that are hidden. Otherwise bounds are found sooner and less close, and no ray is
             hidden by them.
     """
     nothing = np.empty((0, 3, SECTORS), dtype=np.float32)
@@ -80,7 +83,7 @@ def rises(
         return nothing
     grid = surface.grid
     pixel_m = 1.0 / max(grid.per_column, grid.per_row)
-    side_m = (0.25 if flattest < math.inf else 0.5) * pixel_m
+    side_m = (0.25 if closely else 0.5) * pixel_m
     (west, south, low), (east, north, high) = centre.min(axis=0), centre.max(axis=0)
     wide_m = max(east - west, north - south) + 2.0 * reach_m + 2.0 * side_m
     levels = max(1, math.ceil(math.log2(max(2.0, reach_m / pixel_m))))
@@ -93,19 +96,20 @@ def rises(
     beside = grid.lean * (high - low + reach_m)
     tops = np.nan_to_num(highest_in_squares(filled, east0, north0, side_m, count, beside), nan=-math.inf)
     near_m = (1.0 - 2.0 * grid.leeway) * pixel_m
-    clear = _slopes_around(surface, centre, _PIECES if flattest < math.inf else 1)
+    clear = _slopes_around(surface, centre, _PIECES if closely else 1, flattest)
     lows, low_side_m, begin_m = tops, 2.0 * side_m, near_m
-    if flattest < math.inf:
+    if closely:
         lows = _lowest(surface, tops.shape[0], east0, north0, side_m, beside)
     while begin_m < reach_m:
         end_m = min(2.0 * begin_m, reach_m)
-        _raise(clear, centre, tops, east0, north0, side_m, begin_m, end_m)
+        around = maximum_filter(tops, 2 * math.ceil(end_m / side_m) + 3, mode="nearest")
+        _raise(clear, centre, tops, around, east0, north0, side_m, begin_m, end_m)
         if begin_m > 3.0 * side_m:
             rows = tops.shape[0] // 2
             tops = tops.reshape(rows, 2, rows, 2).max(axis=(1, 3))
             side_m *= 2.0
         begin_m = end_m
-    bands = min(_MOST_BANDS, int((reach_m - low_side_m) / low_side_m))
+    bands = min(_MOST_BANDS, int((reach_m - low_side_m) / low_side_m)) if closely else 0
     below, beyond_m = _walls(centre, clear, lows, east0, north0, low_side_m, bands, flattest)
     out = np.empty((len(centre), 3, SECTORS), dtype=np.float32)
     # Rounded to the side on which nothing is decided.
@@ -177,8 +181,8 @@ def _walls(
 
 
 @allocating_kernel
-def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int) -> NDArray[np.float64]:
-    """(n, 16) how steeply the ground rises in the 3 x 3 cells of the grid around each centre, in each sector, and 0 at least.
+def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int, flattest: float) -> NDArray[np.float64]:
+    """(n, 16) slope of the rise of the 3 x 3 cells of the grid around each centre in each sector, and ``flattest`` at least.
 
     A straight way over a bilinear cell is as steep as the gradient at one of its corners allows in that direction. Of the cells
     around, those count that a way in the sector may enter, with no more than their highest ground at its distance
@@ -195,6 +199,9 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int) -
         u, v = on_grid(grid, centre[k, 0], centre[k, 1], centre[k, 2])
         i, j = math.floor(v), math.floor(u)
         if not (1 <= i <= rows - 3 and 1 <= j <= columns - 3):
+            continue
+        out[k] = flattest
+        if _steepest_around(surface, i, j) <= flattest:
             continue
         growth = growth_on_grid(grid, centre[k, 0], centre[k, 1], centre[k, 2])
         for di in range(3):
@@ -226,13 +233,27 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int) -
                         if re * gn - rn * ge >= 0.0 and ge * ln - gn * le >= 0.0:
                             rise = slope
                         slopes[di, dj, sector] = max(slopes[di, dj, sector], rise + _BENT * slope)
-        out[k] = 0.0
         for di in range(3):
             for dj in range(3):
                 _raise_in_cell(
                     surface, i + di - 1, j + dj - 1, u, v, centre[k, 2], growth, slopes[di, dj], pieces, out[k]
                 )
     return out
+
+
+@kernel
+def _steepest_around(surface: Surface, i: int, j: int) -> float:
+    """Bound on the slope of the ground in the 3 x 3 cells of the grid around the cell in a row and column; inf without data."""
+    nodes, across, along = surface.up_m, 0.0, 0.0
+    for row in range(i - 1, i + 3):
+        for column in range(j - 1, j + 3):
+            if math.isnan(nodes[row, column]):
+                return math.inf
+            if column < j + 2:
+                across = max(across, abs(nodes[row, column + 1] - nodes[row, column]))
+            if row < i + 2:
+                along = max(along, abs(nodes[row + 1, column] - nodes[row, column]))
+    return slope_of_cell(surface.grid, across, along) * (1.0 + _BENT)
 
 
 @kernel
@@ -352,10 +373,13 @@ def _entered(at_right: float, at_left: float) -> tuple[int, int]:
 
 @allocating_kernel
 def _raise(
-    rise: NDArray[np.float64], centre: NDArray[np.float64], tops: NDArray[np.float64], east0: float, north0: float,
-    side: float, begin: float, end: float,
+    rise: NDArray[np.float64], centre: NDArray[np.float64], tops: NDArray[np.float64], around: NDArray[np.float64],
+    east0: float, north0: float, side: float, begin: float, end: float,
 ) -> None:  # fmt: skip
-    """Raise the tangents, none below 0, by the squares that lie, in part at least, between two distances from each centre."""
+    """Raise the tangents, none below 0, by the squares that lie, in part at least, between two distances from each centre.
+
+    ``around`` has for each square the highest of all within the farther distance of a place in it.
+    """
     half = 0.5 * side
     wider = half * (1.0 + 1e-9)
     rows, columns = tops.shape
@@ -364,6 +388,10 @@ def _raise(
     least_of_three = np.empty(SECTORS)
     for k in range(centre.shape[0]):
         e, n, u = centre[k, 0] - east0, centre[k, 1] - north0, centre[k, 2]
+        least = rise[k].min()
+        row, column = min(max(int(n / side), 0), rows - 1), min(max(int(e / side), 0), columns - 1)
+        if not around[row, column] - u > least * begin:
+            continue
         least = _least_of_three(rise[k], least_of_three)
         first_row, last_row = max(0, int((n - end) / side)), min(rows - 1, int((n + end) / side))
         first, last = max(0, int((e - end) / side)), min(columns - 1, int((e + end) / side))

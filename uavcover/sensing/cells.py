@@ -283,8 +283,8 @@ def _rises(site: Site, centre: FloatArray, scatter_m: float, *, closely: bool) -
     sight, surface = sight_for_cells(site.scenario.sensor), site.ground.surface
     if len(centre) > _MOST_RISES or sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
         return NO_RISE
-    flattest = 1.0 / widest_tangent(sight) if closely else math.inf
-    return rises(surface, centre, reach_m=site.scenario.sensor.reach_m + scatter_m, flattest=flattest)
+    reach_m, flattest = site.scenario.sensor.reach_m + scatter_m, 1.0 / widest_tangent(sight)
+    return rises(surface, centre, reach_m=reach_m, flattest=flattest, closely=closely)
 
 
 def _spread(count: int, step: float) -> NDArray[np.float64]:
