@@ -142,7 +142,7 @@ def test_they_are_baselines_by_request_and_a_start_of_the_search():
     batches = iter([False, False, True])
     found = constructed_routes(
         coverage, site.scenario.planner, asked=0.95, executor=None,
-        should_stop=lambda: next(batches, True),
+        left_s=lambda: 0.0 if next(batches, True) else 1.0,
     )  # fmt: skip
     assert [each.name for each in found][:1] == ["boustrophedon"]
     assert {each.name for each in found} >= {"boustrophedon-tuned", NAME}

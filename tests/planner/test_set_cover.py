@@ -1,6 +1,8 @@
 """Candidates on a lattice, programs against exhaustive optima, and the routes that are made of covers."""
 
 import dataclasses
+import itertools
+import math
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import SphereSensor
+from uavcover.planner.baselines import initial_routes
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.planner.set_cover.candidates import (
@@ -136,7 +139,7 @@ def test_one_level_lies_at_one_height(dome):
 @pytest.mark.parametrize("name", ["greedy-set-cover", "set-cover"])
 def test_covers_are_feasible_routes_that_see_all(dome, name):
     settings = PlannerSettings(encoding="waypoints", initial=(name,))
-    (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, should_stop=lambda: False)
+    (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, left_s=lambda: math.inf)
     assert baseline.name == name
     assert baseline.violation == 0.0
     assert dome.share_of_coverable(dome.seen(baseline.route.waypoints_m)) == pytest.approx(1.0)
@@ -145,14 +148,38 @@ def test_covers_are_feasible_routes_that_see_all(dome, name):
 
 def test_a_cover_never_has_more_waypoints_than_are_allowed(dome):
     settings = PlannerSettings(encoding="waypoints", initial=("greedy-set-cover",), max_waypoints=2)
-    (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, should_stop=lambda: False)
+    (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, left_s=lambda: math.inf)
     assert len(baseline.route) == 2
+
+
+def test_a_cover_takes_a_finer_lattice_only_while_there_is_time_for_it(dome, monkeypatch):
+    settings = PlannerSettings(encoding="waypoints", initial=("greedy-set-cover",))
+    spacings = []
+
+    def reduced(candidates):
+        spacings.append(candidates.spacing_m)
+        return reduce(candidates)
+
+    monkeypatch.setattr(initial_routes, "reduce", reduced)
+
+    def made_with(left_s):
+        spacings.clear()
+        (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, left_s=left_s)
+        assert dome.share_of_coverable(dome.seen(baseline.route.waypoints_m)) == pytest.approx(1.0)
+        return list(spacings)
+
+    (finest,) = made_with(lambda: math.inf)
+    assert made_with(lambda: 1.0)[-1] == finest
+    first = made_with(lambda: 1.0)[0]
+    seconds = itertools.count()
+    assert made_with(lambda: 6.0 - next(seconds)) == [first]
+    assert first > finest
 
 
 def test_along_a_path_a_cover_is_laid_over_the_terrain():
     site = make_site(planner={"initial": ("greedy-set-cover",)})
     coverage = CoverageMap(site, cell_size_m=20.0)
-    found = constructed_routes(coverage, site.scenario.planner, asked=0.9, executor=None, should_stop=lambda: False)
+    found = constructed_routes(coverage, site.scenario.planner, asked=0.9, executor=None, left_s=lambda: math.inf)
     cover = found[-1]
     assert [found[0].name, cover.name] == ["boustrophedon", "greedy-set-cover"]
     assert cover.layout is None
@@ -173,7 +200,7 @@ def test_a_local_search_always_has_a_baseline_and_a_cover_at_waypoints(sensing, 
         obstacles=Obstacles(prisms=(tower(120.0, 80.0, 160.0, 120.0, 30.0),), clearance_beside_m=8.0),
     )
     coverage = CoverageMap(site, cell_size_m=20.0)
-    found = constructed_routes(coverage, site.scenario.planner, asked=0.9, executor=None, should_stop=lambda: False)
+    found = constructed_routes(coverage, site.scenario.planner, asked=0.9, executor=None, left_s=lambda: math.inf)
     assert {baseline.name for baseline in found} >= {"set-cover" if sensing == "at-waypoints" else "boustrophedon"}
     assert any(baseline.violation == 0.0 and -baseline.objectives[0] > 0.5 for baseline in found)
 

@@ -222,7 +222,7 @@ def plan_routes(
     with times.stage("initial solutions", baseline_share):
         baselines = constructed_routes(
             coarse, settings, asked=rule.required_coverage, executor=executor,
-            should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share), tuned=tuned,
+            left_s=lambda: 0.0 if should_stop() else effort.left_s(started, share=baseline_share), tuned=tuned,
         )  # fmt: skip
         if so_far is not None:
             so_far.baselines, on_progress = baselines, so_far.noting(on_progress)

@@ -44,6 +44,9 @@ _MOST_PLACES = 60_000
 _MOST_PAIRS = 30e6
 """Places by the cells in their reach: about 20 s of processor time. Where that is more there are no more places than cells."""
 
+_FIRST_PLACES, _FINER, _LONGER = 1_000, 8, 5.0
+"""Under a time budget so few places come first, then lattices of half the spacing, while there is time for them."""
+
 _SPACING_REACHES = 0.4
 """Lattice spacing for sensing along the path, which covers more than its waypoints do."""
 
@@ -58,7 +61,8 @@ def constructed_routes(
     *,
     asked: float | None,  # share of what can be covered that the selection rule asks for, if it does
     executor: Executor | None,  # evaluates routes side by side
-    should_stop: Callable[[], bool],  # asked before each; the first is always made, and the plain lines of each kind
+    # time left, asked before each; the first is always made, and the plain lines of each kind. Infinite: no limit.
+    left_s: Callable[[], float],
     # lines in swaths that are taken in place of a scan, until it is time to stop
     tuned: Iterator[Baseline] | None = None,
 ) -> list[Baseline]:
@@ -68,6 +72,10 @@ def constructed_routes(
     """
     names = initial_names(coverage, settings)
     found: list[Baseline] = []
+
+    def should_stop() -> bool:
+        return left_s() <= 0.0
+
     if "boustrophedon" in names:
         if settings.encoding == "swaths":
             found += boustrophedons(coverage, executor, should_stop, tuned)
@@ -76,17 +84,32 @@ def constructed_routes(
     if "contour-lines" in names:
         found += contour_lines(coverage, executor, should_stop)
     covers: list[InitialRoute] = [name for name in names if name not in {"boustrophedon", "contour-lines"}]
-    if not covers or (found and should_stop()):
-        return found
-    candidates = _candidates(coverage)
-    reduced = reduce(candidates)
-    for name in covers:
-        if found and should_stop():
-            break
-        route = _cover_route(coverage, candidates, reduced, name, settings, 1.0 if asked is None else asked)
-        if route is not None:
+    if covers and not (found and should_stop()):
+        for name, route in _cover_routes(coverage, covers, settings, 1.0 if asked is None else asked, left_s):
             found += evaluated(coverage, name, [route], executor)
     return found
+
+
+def _cover_routes(
+    coverage: CoverageMap,
+    names: Sequence[InitialRoute],
+    settings: PlannerSettings,
+    asked: float,
+    left_s: Callable[[], float],
+) -> list[tuple[InitialRoute, Route]]:
+    """The routes of set covers on the finest lattice there is time for."""
+    most = _most_places(coverage)
+    count = most if math.isinf(left_s()) else min(_FIRST_PLACES, most)
+    while True:
+        before_s = left_s()
+        candidates = _candidates(coverage, count)
+        reduced = reduce(candidates)
+        routes = [(name, _cover_route(coverage, candidates, reduced, name, settings, asked)) for name in names]
+        used_s = before_s - left_s()
+        made = [(name, route) for name, route in routes if route is not None]
+        if count >= most or (made and _LONGER * used_s > left_s()):
+            return made
+        count = min(most, _FINER * count)
 
 
 def _rows(
@@ -120,12 +143,17 @@ def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[
     return ("boustrophedon",)
 
 
-def _candidates(coverage: CoverageMap) -> Candidates:
+def _most_places(coverage: CoverageMap) -> int:
+    if coverage.site.scenario.sensor.looks_along_path:
+        return 1  # of any number there is one lattice
+    cells_each = math.pi * (horizontal_reach(coverage.sight) / coverage.grid.cells.size_m) ** 2
+    return int(min(_MOST_PLACES, max(_MOST_PAIRS / max(cells_each, 1.0), coverage.grid.count)))
+
+
+def _candidates(coverage: CoverageMap, most: int) -> Candidates:
     site = coverage.site
     if not site.scenario.sensor.looks_along_path:
         spacing_m = _SPACING_CELLS * coverage.grid.cells.size_m
-        cells_each = math.pi * (horizontal_reach(coverage.sight) / coverage.grid.cells.size_m) ** 2
-        most = int(min(_MOST_PLACES, max(_MOST_PAIRS / max(cells_each, 1.0), coverage.grid.count)))
         return finest_lattice_candidates(coverage, spacing_m=spacing_m, most=most)
     height_agl_m = best_height_agl_m(site)
     reach_m = max(site.scenario.sensor.half_width_m(height_agl_m), coverage.grid.cells.size_m)

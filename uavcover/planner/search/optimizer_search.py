@@ -62,9 +62,13 @@ class Effort:
     budget_s: float | None
     now: Callable[[], float]
 
+    def left_s(self, started: float, *, share: float = 1.0) -> float:
+        """Time left of a share of the time budget since ``started``; infinite without a budget."""
+        return math.inf if self.budget_s is None else share * self.budget_s - (self.now() - started)
+
     def is_over(self, started: float, *, share: float = 1.0) -> bool:
         """Whether a share of the time budget, if there is one, has been used since ``started``."""
-        return self.budget_s is not None and self.now() - started >= share * self.budget_s
+        return self.left_s(started, share=share) <= 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

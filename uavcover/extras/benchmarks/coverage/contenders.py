@@ -264,8 +264,7 @@ def _constructed(name: InitialRoute) -> Callable[[Judge], Found]:
         settings = dataclasses.replace(site.scenario.planner, initial=(name,), seed=1)
         begin = time.process_time()
         made = constructed_routes(
-            coarse, settings, asked=judge.case.asked, executor=None,
-            should_stop=lambda: False,
+            coarse, settings, asked=judge.case.asked, executor=None, left_s=lambda: math.inf
         )  # fmt: skip
         cpu_s = time.process_time() - begin
         # Plain lines are made besides where they are the encoding; here they are a baseline of their own.
