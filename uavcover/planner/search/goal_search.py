@@ -67,7 +67,7 @@ def search_goals(
         # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is high anyway.
         price = None
         if closed is not None and (from_beginning or asked <= tuned.nearly_all):
-            price = tuned.dear_ground * price_between(work.problem, found[-1], closed)
+            price = min(tuned.most_price, tuned.dear_ground * price_between(work.problem, found[-1], closed))
         known += found
         if closed is not None:
             judge.found(closed.route)
@@ -253,7 +253,7 @@ def search_goal(
         if warm == 0.0:
             chains = [_chain(work, best.route, aim, capacity, waypoint_m, price_of_goal, share) for share in rebuilt]
         # Where coverage costs more than its price, the price rises until the goal is worth reaching.
-        price *= 1.0 if judged >= goal else tuned.price_step**steps
+        price *= tuned.dearer(goal - judged) ** steps
         for chain in chains:
             chain.prices = chain.prices._replace(coverage=price, goal=aim)
         warm = stage

@@ -59,7 +59,7 @@ class RouteProblem:
     def with_pictures_in_view(self, share: float) -> "RouteProblem":
         """The problem in which ground counts that is in view along this multiple of the distance between two photos.
 
-        Of what is in view along half of it every second photo or more shows it. On cliffs little ground is in view all the way:
+        Of what is in view along a part of it as many photos or more show it. On cliffs little ground is in view all the way:
         on terraces, with a photo every 40 m, lines that see 98 % were counted as 79 %. Along more, photos are surer.
         """
         return replace(self, numbers=self.numbers._replace(trigger_m=share * self.numbers.trigger_m))

@@ -25,8 +25,9 @@ _FAR_LESS = 0.04
 judged, others up to 0.025."""
 
 
-_LIKELY, _SURER = 0.5, (1.0, 1.5, 2.0, 2.5)
-"""Multiples of the distance between two photos along which ground has to be in view."""
+_LIKELY, _SURER = 0.7, (1.0, 1.5, 2.0, 2.5)
+"""Multiples of the distance between two photos along which ground has to be in view. Of 40 routes that searches found over
+canyon, terraces and city with a photo every 40 m, 0.7 is counted 0.01 less to 0.015 more than is judged, 0.5 up to 0.04 more."""
 
 _LARGEST_MARGIN, _HALVINGS, _AS_JUDGED = 0.5, 7, 1e-4
 """Largest margin on the finest cells, in cells; halvings to find one; and how far what is counted may be from what is judged."""
@@ -84,9 +85,10 @@ def finest_problem(cells: CoverageMap, route: Route, judged: float) -> RouteProb
     """
     counted_so = _problem(cells.site, cells, margin_cells=0.0)
     if counted_so.numbers.trigger_m > 0.0:
-        for surer in (counted_so.with_pictures_in_view(share) for share in _SURER):
-            counted_so = surer
-            if share_counted(surer, route) <= judged + _AS_JUDGED:
+        surely = counted_so
+        for share in _SURER:
+            counted_so = surely.with_pictures_in_view(share)
+            if share_counted(counted_so, route) <= judged + _AS_JUDGED:
                 break
         return counted_so
     low, high = 0.0, _LARGEST_MARGIN
