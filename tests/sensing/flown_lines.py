@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from uavcover.mock.guidance import Speeds
-from uavcover.mock.legs import Leg, legs_of
+from uavcover.mock.guidance import Leg, Speeds, legs_of
 from uavcover.mock.tuning import BODY, GUIDANCE
 from uavcover.model.vehicle import AutopilotMotion
 
