@@ -47,9 +47,9 @@ from tests.falsifying.flown import read_flown
 from tests.falsifying.honest_run import NADIR, STABILISED, SURVEY, WIDE_PICTURE, Base, Field, make_site, save_lines
 from tests.falsifying.of_time import thinned
 from uavcover.flight.resume import find_unfinished, save_rest
+from uavcover.mock.body import GpsError
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.positioning import GpsError
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.outcome import FlightFailedError
 from uavcover.run.folder import RunFolder

@@ -15,9 +15,8 @@ from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.fly import FlightOutcome, Orders, fly
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.precautions import OnBreach, Precautions
-from uavcover.mock.body import Ground
+from uavcover.mock.body import Ground, OnTruth
 from uavcover.mock.ports import InMemoryPeer
-from uavcover.mock.positioning import OnTruth
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import EventKind, FlightEvent
 from uavcover.model.track import TrackSample

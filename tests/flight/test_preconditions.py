@@ -14,7 +14,7 @@ from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.modes import Mode
 from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.mock import behaviour
-from uavcover.mock.commands import handle
+from uavcover.mock.reactions import handle
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -14,7 +14,7 @@ from tests.flight.scene import HOME, Scene, geodetic, make_scene, mission, plan_
 from uavcover.errors import VehicleError
 from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.readiness import check_home, check_home_position, check_telemetry, missing
-from uavcover.mock import commands as mock_commands
+from uavcover.mock import reactions
 from uavcover.mock.behaviour import quick
 from uavcover.mock.state import MockState
 from uavcover.mock.vehicle import MockVehicle
@@ -100,7 +100,7 @@ def test_ardupilot_is_asked_why_every_15_s_as_long_as_it_knows_the_question(
         asked_s.append(scene.monitor.time_s or 0.0)
         return answer
 
-    monkeypatch.setitem(mock_commands._HANDLERS, 401, handle)
+    monkeypatch.setitem(reactions._HANDLERS, 401, handle)
     scene.fly()
     assert len(asked_s) == pytest.approx(asked_about, abs=1 if asked_about > 1 else 0)
     assert all(after - before >= 15.0 for before, after in itertools.pairwise(asked_s))
@@ -109,7 +109,7 @@ def test_ardupilot_is_asked_why_every_15_s_as_long_as_it_knows_the_question(
 def test_px4_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ready_scene(PX4)
     asked: list[object] = []
-    monkeypatch.setitem(mock_commands._HANDLERS, 401, lambda *what: (asked.append(what), CommandResult.ACCEPTED)[1])
+    monkeypatch.setitem(reactions._HANDLERS, 401, lambda *what: (asked.append(what), CommandResult.ACCEPTED)[1])
     monkeypatch.setattr(MockVehicle, "checks_pass", False)
     with pytest.raises(VehicleError, match="vehicle 1 has no passed pre-arm check within 120 s"):
         scene.fly()

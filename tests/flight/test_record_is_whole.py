@@ -9,8 +9,8 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.wire import messages as m
 from tests.flight.scene import Scene, make_scene, mission
 from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.mock.body import TruthSample
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.positioning import TruthSample
 from uavcover.mock.state import Streams
 from uavcover.model.outcome import Ending, FlightFailedError
 

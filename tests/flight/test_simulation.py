@@ -11,8 +11,7 @@ from tests.flight.scene import make_scene, mission
 from uavcover.errors import VehicleError
 from uavcover.flight.fly import Ending
 from uavcover.flight.precautions import simulated_by
-from uavcover.mock import commands
-from uavcover.mock import commands as mock_commands
+from uavcover.mock import reactions
 from uavcover.mock import vehicle as mock_vehicle
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.state import MockState
@@ -33,12 +32,12 @@ from uavcover.model.outcome import EventKind
 def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected, tells_version, monkeypatch):
     monkeypatch.setattr("uavcover.flight.precautions.MOCK_UID", 42)
     if not tells_version:
-        monkeypatch.setitem(mock_commands._HANDLERS, 512, lambda *_: CommandResult.UNSUPPORTED)
+        monkeypatch.setitem(reactions._HANDLERS, 512, lambda *_: CommandResult.UNSUPPORTED)
 
     def answer(_: MockState, message: m.ParamRequestRead) -> m.ParamValue | None:
         return m.ParamValue(name, value) if message.name == name else None
 
-    monkeypatch.setattr(commands, "answer_parameter", answer)
+    monkeypatch.setattr(reactions, "answer_parameter", answer)
     scene = make_scene(autopilot)
     scene.client.wait_for_vehicle()
     assert simulated_by(scene.client) == expected
@@ -48,7 +47,7 @@ def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected,
 
 
 def test_a_vehicle_that_does_not_know_set_mission_current_is_sent_the_message(monkeypatch):
-    monkeypatch.delitem(mock_commands._HANDLERS, 224)
+    monkeypatch.delitem(reactions._HANDLERS, 224)
     asked = []
     original = FlightControl.set_current
     monkeypatch.setattr(FlightControl, "set_current", lambda self, seq: (asked.append(seq), original(self, seq))[1])
@@ -61,7 +60,7 @@ def test_a_vehicle_that_does_not_know_set_mission_current_is_sent_the_message(mo
 def test_refused_intervals_are_warnings(monkeypatch):
     scene = make_scene()
     scene.upload(mission())
-    monkeypatch.setitem(mock_commands._HANDLERS, 511, lambda *_: CommandResult.DENIED)
+    monkeypatch.setitem(reactions._HANDLERS, 511, lambda *_: CommandResult.DENIED)
     assert scene.fly().ending is Ending.LANDED
     assert "Attitude every 0.1 s: the vehicle answered DENIED" in scene.told(EventKind.WARNING)
 

@@ -13,10 +13,10 @@ from uavcover.flight.upload import upload
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.missions.mission_files import compile_plan
 from uavcover.mock.behaviour import Settings
+from uavcover.mock.body import GpsError
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.ports import InMemoryPeer
-from uavcover.mock.positioning import GpsError
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
 from uavcover.model.track import Track, TrackSample

@@ -94,8 +94,8 @@ class FlightConditions:
         """A vehicle under these conditions. Raises InputError: a value is out of range."""
         from uavcover.errors import InputError
         from uavcover.mock.behaviour import OBSERVED, quick
+        from uavcover.mock.body import GpsError
         from uavcover.mock.dynamics import BatteryData, WindModel
-        from uavcover.mock.positioning import GpsError
 
         if not 0.0 < self.speed < float("inf"):
             raise InputError(f"--speed: must be greater than 0, not {self.speed:g}")
@@ -148,8 +148,8 @@ def mock_vehicle(
     import numpy as np
 
     from uavcover.missions.mission_compiler import AUTOPILOTS
+    from uavcover.mock.body import TruthFile
     from uavcover.mock.faults import parse_fault
-    from uavcover.mock.positioning import TruthFile
     from uavcover.mock.server import run
     from uavcover.mock.vehicle import MockVehicle
 

@@ -12,12 +12,11 @@ from mission_io.wire import messages as m
 from uavcover.mock.faults import FaultKind
 from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind
-from uavcover.mock.mission_flight import MissionFlight
+from uavcover.mock.mission_flight import MissionFlight, return_steps
 from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
 from uavcover.mock.tuning import BODY
-from uavcover.mock.way_home import return_steps
 
 _FAILSAFE_NAMES = {Mode.RETURN: "RTL Mode", Mode.LAND: "LAND Mode", Mode.HOLD: "BRAKE Mode"}
 _ARMABLE = (Mode.MANUAL, Mode.GUIDED, Mode.HOLD)

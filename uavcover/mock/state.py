@@ -1,7 +1,7 @@
 """The state of the mock vehicle: what is true of it now, and the messages that it has to send.
 
-Everything else in this package reads and changes this state: ``telemetry`` reports it, ``commands``, ``failsafes`` and
-``vehicle`` change it through ``flight_control``, and ``vehicle`` lets time pass.
+Everything else in this package reads and changes this state: ``telemetry`` reports it, ``reactions`` and ``vehicle`` change it
+through ``flight_control``, and ``vehicle`` lets time pass.
 """
 
 import math
@@ -18,13 +18,11 @@ from mission_io.protocol.ftp_server import FtpServer
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
 from uavcover.mock.behaviour import Behaviour, GroundSource, Parameters, Settings, TransferClock, quick
-from uavcover.mock.body import Ground, MockBody
+from uavcover.mock.body import GpsError, Ground, MockBody
 from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel, course_rad
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
-from uavcover.mock.fence import FenceWatch
 from uavcover.mock.itinerary import CameraOrder, Step
-from uavcover.mock.mission_store import ListFiles, MissionStore, TerrainFeed
-from uavcover.mock.positioning import GpsError
+from uavcover.mock.mission_store import FenceWatch, ListFiles, MissionStore, TerrainFeed
 from uavcover.mock.smart_return import Trail
 from uavcover.mock.tuning import BODY, FLIGHT
 from uavcover.model.vehicle import MOTIONS

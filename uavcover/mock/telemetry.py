@@ -8,7 +8,7 @@ from mission_io.model.enums import EkfFlag, GpsFix, MissionState, ModeFlag
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
-from uavcover.mock.positioning import TruthSample
+from uavcover.mock.body import TruthSample
 from uavcover.mock.state import MockState
 from uavcover.model.vehicle import MOCK_UID
 

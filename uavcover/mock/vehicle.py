@@ -14,13 +14,11 @@ from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import Severity
 from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
 from mission_io.wire import messages as m
-from uavcover.mock.body import Ground
-from uavcover.mock.commands import handle
+from uavcover.mock.body import Ground, OnTruth
 from uavcover.mock.dynamics import WindModel
-from uavcover.mock.failsafes import Failsafes
 from uavcover.mock.faults import Fault, FaultKind
 from uavcover.mock.flight_control import FlightControl
-from uavcover.mock.positioning import OnTruth
+from uavcover.mock.reactions import Failsafes, handle
 from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockConfig, MockState
 from uavcover.mock.telemetry import tell, truth_sample
