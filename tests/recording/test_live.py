@@ -16,8 +16,8 @@ from rerun.experimental import ViewerClient
 from tests.recording.flights import Flight
 from uavcover.model.track import Track, TrackSample
 from uavcover.recording import RecordingError, VehicleState, describe_recording, layout, read_recorded_track, viewer
-from uavcover.recording.live import LiveRecording
 from uavcover.recording.reader import read_recorded_track_with_warnings, whole_messages
+from uavcover.recording.writer import LiveRecording
 from uavcover.sensing.coverage_map import LevelObservations
 from uavcover.verification.verify import verify_track
 
@@ -153,7 +153,7 @@ _KILLED = """
     from pathlib import Path
     from tests.recording.flights import make_flight
     from tests.recording.test_live import samples
-    from uavcover.recording.live import LiveRecording
+    from uavcover.recording.writer import LiveRecording
 
     flight = make_flight("jacksboro", cell_size_m=20.0, line_spacing_m=90.0, speed_m_s=10.0, rate_hz=5.0, lines=4)
     live = LiveRecording(Path(sys.argv[1]), site=flight.site, coverage=flight.coverage, planned=flight.planned)

@@ -12,10 +12,15 @@ from tests.recording.flights import Flight
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.recording import layout
-from uavcover.recording.blueprint import LEGEND_TEXT
-from uavcover.recording.scene import obstacle_triangles_m, relief_mesh, scene_bounds_m, waypoint_labels, zone_lines_m
-from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
-from uavcover.recording.vehicle import body_rotations, footprints_m
+from uavcover.recording.flight import body_rotations, coverage_tiles, footprints_m, lift_m, shown_from_s, tick_times_s
+from uavcover.recording.scene import (
+    LEGEND_TEXT,
+    obstacle_triangles_m,
+    relief_mesh,
+    scene_bounds_m,
+    waypoint_labels,
+    zone_lines_m,
+)
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.terrain.ground import Ground, grid_ground, hillshade
 

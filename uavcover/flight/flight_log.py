@@ -22,7 +22,7 @@ from uavcover.model.outcome import EventKind, FlightEvent
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording import flight as recorded
-from uavcover.recording.live import LiveRecording
+from uavcover.recording.writer import LiveRecording
 from uavcover.run import provenance
 from uavcover.run.file_group import writing
 from uavcover.run.folder import (
