@@ -189,7 +189,7 @@ def verify_track(site: "Site", track: "Track", plan: "Plan | None" = None) -> "V
         plan: what was planned, for the deviation and the planned coverage.
     """
     from uavcover.sensing.site_maps import judging_map
-    from uavcover.verification.unobserved import PlannedRoute
+    from uavcover.verification.flown_route import PlannedRoute
     from uavcover.verification.verify import FlownTrack, verify_flight
 
     chosen = None if plan is None else plan.chosen

@@ -10,7 +10,7 @@ from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.route import Route
 from uavcover.planner.close_gaps import plan_gap_mission
 from uavcover.verification.command import judge_tracks
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 

@@ -10,7 +10,7 @@ from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirem
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.verdict import LIMIT_OF, Violation, ViolationKind
 from uavcover.report.content import ReportContent
-from uavcover.verification.requirements import RequirementRow, requirement_rows
+from uavcover.verification.decision import RequirementRow, requirement_rows
 
 
 def rows_of(

@@ -15,8 +15,7 @@ from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import whatever_heading
-from uavcover.verification.observations import observations_of
-from uavcover.verification.reported_photos import photos_of
+from uavcover.verification.observations import observations_of, photos_of
 from uavcover.verification.verify import flown_coverage
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

@@ -15,7 +15,7 @@ from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.planner.search.route_problem import route_problem, state_of
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import FlownTrack, flown_coverage, verify_flight
 
 DISC = DiscSensor(kind="disc", radius_m=60.0)

@@ -25,8 +25,8 @@ from uavcover.sensing.pictures import (
     takes_pictures,
 )
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.requirements import requirement_rows
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.decision import requirement_rows
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 CAMERA = FrameCamera(

@@ -13,7 +13,7 @@ from uavcover.model.verdict import VerificationReport
 from uavcover.planner.baselines.swaths import fly_layout, regular_layout
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 NIMBLE = {"acceleration_m_s2": 1e5, "max_climb_m_s": 500.0, "max_descent_m_s": 500.0}

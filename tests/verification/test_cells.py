@@ -13,7 +13,7 @@ from uavcover.model.scenario import Uncertainty
 from uavcover.model.sensor import NadirCamera, SphereSensor
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight, verify_track
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

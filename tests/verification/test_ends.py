@@ -10,9 +10,9 @@ from tests.verification.flights import Flight, changed, make_site
 from uavcover.errors import TrackError
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
-from uavcover.verification.ends import TrackEnd, track_ends
+from uavcover.verification.flown_route import PlannedRoute
+from uavcover.verification.track_doubts import TrackEnd, track_ends
 from uavcover.verification.tuning import ENDS
-from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

@@ -14,8 +14,8 @@ from uavcover.model.verdict import VerificationReport
 from uavcover.planner.baselines.swaths import fly_layout, regular_layout
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.judged_track import judge_track
-from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 SEEDS = range(4)

@@ -18,8 +18,8 @@ from uavcover.run.track_file import TrackWriter, read_track_with_warnings
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.verification import observations
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.judged_track import JudgedTrack, judge_track
-from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 SENSORS: dict[str, Sensor] = {

@@ -7,7 +7,7 @@ from tests.planner.sites import flat, ridge
 from tests.verification.flights import Flight, changed, fly_along, make_site
 from uavcover.model.verdict import VerificationReport
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

@@ -6,8 +6,8 @@ import pytest
 from tests.verification.flights import make_site, track_of
 from uavcover.model.track import Track
 from uavcover.model.vehicle import Vehicle
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.safety import commanded_pace_doubt, deviations_m, ground_speeds_m_s
-from uavcover.verification.unobserved import PlannedRoute
 
 VEHICLE = Vehicle(cruise_speed_m_s=10.0, max_climb_m_s=4.0, max_descent_m_s=3.0)
 LONG_LEG = PlannedRoute(np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0]]), 0.5)

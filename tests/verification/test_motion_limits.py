@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uavcover.model.vehicle import Vehicle, Wind
-from uavcover.verification.motion_windows import NOISE_MEDIANS, Windows
+from uavcover.verification.measured_motion import NOISE_MEDIANS, Windows
 from uavcover.verification.possible_motion import ImpossibleMove, Motion, MotionLimits, judge_motion, motion_limits
 
 LIMITS = MotionLimits(speed_m_s=20.0, climb_m_s=10.0, descent_m_s=6.0, acceleration_m_s2=6.0)

@@ -9,8 +9,8 @@ from tests.planner.test_no_fly import circle, ring
 from tests.verification.flights import fly_along, make_site, taken
 from tests.verification.test_cells import verdict_on
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.requirements import requirement_rows
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.decision import requirement_rows
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 ZONE = ring((140, 50), (150, 50), (150, 150), (140, 150), name="prison")

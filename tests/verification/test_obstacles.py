@@ -12,7 +12,7 @@ from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.sensor import NadirCamera
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

@@ -5,8 +5,8 @@ import pytest
 
 from tests.verification.flights import fly_along, make_site
 from uavcover.model.track import Track
+from uavcover.verification.flown_route import Passing, contradiction, passing, plan_doubt
 from uavcover.verification.tuning import SAFETY
-from uavcover.verification.waypoints_passed import Passing, contradiction, passing, plan_doubt
 
 PLAN = np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0], [100.0, 50.0, 80.0], [0.0, 50.0, 80.0]])
 RADIUS_M = 5.0

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.verification.flights import make_site, track_of
-from uavcover.verification.unobserved import PlannedRoute, on_route
-from uavcover.verification.waypoints_passed import Passing
+from uavcover.verification.flown_route import Passing, PlannedRoute, on_route
 
 SAMPLES = 40
 PLAN = PlannedRoute(np.column_stack([20.0 * np.arange(1.0, 8.0), np.zeros(7), np.full(7, 80.0)]), 0.9)

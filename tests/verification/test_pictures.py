@@ -13,8 +13,8 @@ from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.reported_photos import reports_photos
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
+from uavcover.verification.observations import reports_photos
 from uavcover.verification.verify import verify_track
 
 SPHERES = 'kind = "sphere"\nrange_m = {range_m}\nsensing = "at-waypoints"\n'

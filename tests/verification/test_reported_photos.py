@@ -15,7 +15,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.flown_coverage import PictureEvidence
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 REQUIRED = PictureEvidence(photos_required=True)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from uavcover.terrain.frames import LocalFrame
+from uavcover.verification.measured_motion import PositionError
 from uavcover.verification.possible_motion import Motion, MotionLimits, judge_motion
-from uavcover.verification.reported_velocity import PositionError
 
 LIMITS = MotionLimits(speed_m_s=23.0, climb_m_s=8.0, descent_m_s=8.0, acceleration_m_s2=6.8)
 FRAME = LocalFrame(36.5, -84.2, 400.0)

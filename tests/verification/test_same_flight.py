@@ -7,7 +7,7 @@ import pytest
 
 from tests.verification.flights import Flight, changed, taken, track_of
 from uavcover.model.track import Track
-from uavcover.verification.same_flight import SameFlight, same_flight
+from uavcover.verification.several_flights import SameFlight, same_flight
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

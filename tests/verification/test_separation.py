@@ -14,7 +14,7 @@ from uavcover.model.track import Track
 from uavcover.model.vehicle import Fleet
 from uavcover.scenario.site import Site
 from uavcover.verification.run_logs import shared_times
-from uavcover.verification.separation import Separation, judge_separation
+from uavcover.verification.several_flights import Separation, judge_separation
 
 
 def texts(found: Separation, effect: Effect) -> tuple[str, ...]:

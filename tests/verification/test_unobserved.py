@@ -5,8 +5,8 @@ import pytest
 
 from tests.verification.flights import make_site, track_of
 from uavcover.model.verdict import Unobserved
-from uavcover.verification.possible_motion import ImpossibleMove, Motion
-from uavcover.verification.unobserved import (
+from uavcover.verification.flown_route import (
+    Passing,
     PlannedRoute,
     length_of_m,
     place_of,
@@ -15,7 +15,7 @@ from uavcover.verification.unobserved import (
     way_before_m,
     ways_between_m,
 )
-from uavcover.verification.waypoints_passed import Passing
+from uavcover.verification.possible_motion import ImpossibleMove, Motion
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 

@@ -11,7 +11,7 @@ from uavcover.model.route import Route
 from uavcover.model.sensor import SphereSensor
 from uavcover.model.track import Track
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.unobserved import observed_stretches, on_route
+from uavcover.verification.flown_route import observed_stretches, on_route
 from uavcover.verification.verify import flown_coverage, verify_track
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

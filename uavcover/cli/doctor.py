@@ -29,7 +29,7 @@ from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.run.user import User
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 _PACKAGES = {

@@ -41,7 +41,7 @@ from uavcover.run.track_file import SpaceReserve, read_track, record_bytes
 from uavcover.run.user import User, to_paste
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 
 _LEFT_SOMETHING = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.RESERVE_KEPT})

@@ -23,8 +23,8 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
 from uavcover.sensing.site_maps import fleet_map, map_for
 from uavcover.verification.command import judge_tracks
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.run_logs import date_bounds, planned_for, read_log
-from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import Verdict, track_positions_m
 
 

@@ -36,7 +36,7 @@ from uavcover.run.judged_inputs import (
 from uavcover.run.provenance import note_files
 from uavcover.run.user import Unattended, User, to_paste
 from uavcover.sensing.pictures import OVERLAP_FRACTION, overlap_rule
-from uavcover.verification.requirements import requirement_rows
+from uavcover.verification.decision import requirement_rows
 
 _HERE = Path(__file__).parent
 _PAGE = _HERE / "page"

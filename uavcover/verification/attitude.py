@@ -22,7 +22,7 @@ from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 from uavcover.verification.lean_fit import lean_fits, mean_over, thrust_m_s2
-from uavcover.verification.motion_windows import FITTED_STEP_S, Windows
+from uavcover.verification.measured_motion import FITTED_STEP_S, Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
 from uavcover.verification.tuning import ATTITUDE, LEAN
 

@@ -36,6 +36,7 @@ from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import looks_singly
 from uavcover.sensing.site_maps import fleet_map, judging_map
+from uavcover.verification.decision import requirement_rows
 from uavcover.verification.flown_coverage import (
     NOTHING_KNOWN,
     CountObservations,
@@ -44,11 +45,10 @@ from uavcover.verification.flown_coverage import (
     count_observations,
     counter_of,
 )
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.gaps import REASONS, cells_geotiff, reason_codes
-from uavcover.verification.requirements import requirement_rows
 from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, date_bounds, planned_for, read_log
 from uavcover.verification.tuning import TRACK
-from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight, verify_track
 
 # Whether the elevation data is right: the ground that vehicles measured in flight, against the ground they are judged on.

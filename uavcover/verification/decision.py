@@ -1,7 +1,9 @@
-"""The decision on a flight, passed, failed or not proved, and statistics of how well the cells were seen.
+"""The decision on a flight, passed, failed or not proved, its grounds in figures, and the table of requirements.
 
 Failed: something observed breaks a limit, or a requirement is missed under any motion in the unobserved time. Not proved:
 neither is the case, but something essential was not observed. Passed: everything holds, and was observed.
+
+Whether a requirement holds is what the findings of the verdict say of it: the table decides nothing of its own.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -11,21 +13,22 @@ from typing import Any
 
 import numpy as np
 
+from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.judgement import Finding, Judgement, Requirement, fails, noted, unproved
+from uavcover.model.active_times import window_of
+from uavcover.model.judgement import Finding, Holds, Judgement, Requirement, fails, noted, unproved
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, percent_beside
+from uavcover.model.verdict import (
+    LIMIT_OF,
+    Unobserved,
+    VerificationReport,
+    percent_beside,
+)
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics
-from uavcover.verification.ends import FlightContinuation, continuations
 from uavcover.verification.flown_coverage import NOTHING_KNOWN, FlownCoverage, PictureEvidence, possibly_seen
-from uavcover.verification.judged_track import JudgedTrack
-from uavcover.verification.observations import level_observations
-from uavcover.verification.possible_motion import motion_limits
-from uavcover.verification.separation import NOT_ASKED, Separation
-from uavcover.verification.tuning import TRACK
-from uavcover.verification.unobserved import (
+from uavcover.verification.flown_route import (
     length_of_m,
     place_of,
     stretch_at,
@@ -33,40 +36,12 @@ from uavcover.verification.unobserved import (
     way_before_m,
     ways_between_m,
 )
-
-
-def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatistics:
-    """Statistics of observations, ground sample distance and incidence over all cells."""
-    seen = flown.seen
-
-    def percentile(values: FloatArray, share: float) -> float | None:
-        known = values[seen & np.isfinite(values)]
-        return float(np.percentile(known, share)) if known.size else None
-
-    return CellStatistics(
-        count=coverage.grid.count,
-        seen=int(seen.sum()),
-        looks_mean=float(flown.passes[seen].mean()) if seen.any() else None,
-        looks_max=int(flown.passes.max()),
-        seen_twice_fraction=coverage.share(flown.passes >= 2),
-        ground_sample_median_m=percentile(flown.ground_sample_m, 50.0),
-        ground_sample_p95_m=percentile(flown.ground_sample_m, 95.0),
-        incidence_median_deg=percentile(flown.incidence_deg, 50.0),
-        incidence_p95_deg=percentile(flown.incidence_deg, 95.0),
-    )
-
-
-def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: FloatArray) -> tuple[CoverageMoment, ...]:
-    """Coverage reached by selected moments of the (k,) observation times."""
-    if times_s.size == 0:
-        return ()
-    order = np.flatnonzero(flown.seen)
-    order = order[np.argsort(flown.first_seen_s[order], kind="stable")]
-    weight = coverage.grid.weight_m2
-    so_far = np.append(0.0, np.cumsum(weight[order])) / coverage.grid.area_m2
-    moments = np.linspace(times_s[0], times_s[-1], TRACK.moments) if times_s[-1] > times_s[0] else times_s[:1]
-    shares = so_far[np.searchsorted(flown.first_seen_s[order], moments, side="right")]
-    return tuple(CoverageMoment(float(t), float(share)) for t, share in zip(moments, shares, strict=True))
+from uavcover.verification.judged_track import JudgedTrack
+from uavcover.verification.observations import level_observations
+from uavcover.verification.possible_motion import motion_limits
+from uavcover.verification.several_flights import NOT_ASKED, Separation
+from uavcover.verification.track_doubts import FlightContinuation, continuations
+from uavcover.verification.tuning import TRACK
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,3 +253,141 @@ def _longest(site: Site, unobserved: Sequence[Unobserved], phase: str) -> str:
 def _told(site: Site, stretch: Unobserved) -> str:
     place = place_of(site, np.array([stretch.east_m, stretch.north_m, 0.0]))
     return f"{stretch.duration_s:.1f} s, from {stretch.start_s:.1f} s at {place} ({stretch.detail})"
+
+
+_OTHERS: Mapping[Requirement, str] = {
+    "photos": "Photos taken",
+    "detection": "Probability of detection",
+    "transit-observed": "Evidence on outbound and return transit",
+    "separation": "Separation of the vehicles",
+    "evidence": "Plausible record",
+}
+"""Requirements without a figure of their own, which have a row where they do not hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class RequirementRow:
+    """A row of the table."""
+
+    name: str  # the requirement
+    asked: str  # its limit, for people
+    found: str  # what the flight did, for people
+    holds: Holds  # whether it holds; "not proved" where nothing breaks it, but not enough was observed
+
+
+def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:
+    """Rows that compare every requirement and limit of a scenario with the verdict on a flight."""
+    limits, requirements = scenario.limits, scenario.requirements
+    judge = _Judge(report)
+    least, sure = requirements.min_coverage_of_coverable, requirements.min_sure_coverage_of_coverable
+    rows = [judge.share("coverage", "Coverage of visible ground", least, report.coverage_of_coverable)]
+    if sure is not None:
+        found = report.surely_covered_of_coverable
+        rows.append(judge.share("sure-coverage", "Certainly observed visible ground", sure, found))
+    if requirements.min_overlap_fraction is not None:
+        rows.append(_overlap_row(requirements.min_overlap_fraction, report, judge))
+    rows += _observed_rows(scenario, report, judge)
+    wanted = f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m"
+    flown = f"{_metres(report.min_height_agl_m)} to {_metres(report.max_height_agl_m)}"
+    rows.append(judge.limit("height-band", "Height above ground on the route", wanted, flown))
+    wanted, flown = f"at least {limits.transit_clearance_m:g} m", _metres(report.min_transit_clearance_m)
+    rows.append(judge.limit("transit-clearance", "Clearance on outbound and return transit", wanted, flown))
+    wanted, flown = f"at most {scenario.transit_ceiling_agl_m:g} m", _metres(report.max_transit_height_agl_m)
+    rows.append(judge.limit("transit-height", "Height above ground on transit legs", wanted, flown))
+    if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
+        low = "" if limits.min_alt_amsl_m is None else f"from {limits.min_alt_amsl_m:g} m "
+        high = "" if limits.max_alt_amsl_m is None else f"to {limits.max_alt_amsl_m:g} m"
+        rows.append(judge.kept("sea-level", "Altitude above sea level", (low + high).strip()))
+    rows.append(judge.kept("fence", "Inside the fence", "always"))
+    if scenario.obstacles.prisms:
+        apart = scenario.obstacles
+        wanted = f"{apart.clearance_beside_m:g} m beside or {apart.clearance_above_m:g} m above"
+        rows.append(judge.kept("obstacles", "Clearance from obstacles", wanted))
+    if scenario.no_fly:
+        window = scenario.flight_window if report.flown_utc is None else window_of(*report.flown_utc, "flown_utc")
+        counting = sum(zone.in_force(window) for zone in scenario.no_fly)
+        wanted = counted(counting, "zone")
+        rows.append(judge.kept("no-fly-zones", "Outside no-fly zones", wanted))
+    if requirements.max_ground_speed_m_s is not None:
+        fastest = report.max_ground_speed_m_s
+        wanted = f"at most {requirements.max_ground_speed_m_s:g} m/s"
+        flown = "unknown" if fastest is None else f"{fastest:.1f} m/s"
+        rows.append(judge.limit("ground-speed", "Ground speed on the route", wanted, flown))
+    if requirements.max_deviation_m is not None:
+        wanted, flown = f"at most {requirements.max_deviation_m:g} m", _metres(report.max_deviation_m)
+        rows.append(judge.limit("deviation", "Deviation from the planned route", wanted, flown))
+    return [*rows, *judge.others()]
+
+
+def _overlap_row(asked: float, report: VerificationReport, judge: "_Judge") -> RequirementRow:
+    pictures = report.pictures
+    found = None if pictures is None else pictures.overlap_fraction
+    number = "" if pictures is None or pictures.asked is None else f" {pictures.asked}"
+    name = f"Area in at least{number} photos (required overlap)"
+    return judge.row("overlap", name, f"at least {100.0 * asked:g} %", _share(found, asked))
+
+
+def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judge") -> list[RequirementRow]:
+    """Rows about how much of the flight was observed."""
+    requirements = scenario.requirements
+    missing = report.unobserved_route_fraction
+    longest_s = max((stretch.duration_s for stretch in report.unobserved if stretch.in_flight), default=0.0)
+    outer = ("before the first sample", "after the last sample")
+    ends = "; ".join(stretch.detail for stretch in report.unobserved if stretch.reason in outer) or "yes"
+    most, most_s = requirements.max_unobserved_fraction, f"at most {requirements.max_unobserved_gap_s:g} s"
+    gap = "Longest interval in flight without evidence"
+    return [
+        judge.row(
+            "unobserved-fraction", "Route time without evidence", f"at most {100.0 * most:g} %", _share(missing, most)
+        ),
+        judge.row("unobserved-gap", gap, most_s, f"{longest_s:.1f} s"),
+        judge.row("ends", "Track starts and ends on the ground", "always", ends),
+    ]
+
+
+class _Judge:
+    """Answers each requirement from the findings."""
+
+    def __init__(self, report: VerificationReport) -> None:
+        self._report = report
+        self._told: set[Requirement] = set()
+
+    def row(self, requirement: Requirement, name: str, asked: str, found: str) -> RequirementRow:
+        """A requirement with what was found."""
+        self._told.add(requirement)
+        return RequirementRow(name, asked, found, self._report.judgement.holds(requirement))
+
+    @property
+    def _observed(self) -> bool:
+        return self._report.judgement.holds("unobserved-fraction", "unobserved-gap", "ends") == "yes"
+
+    def limit(self, requirement: Requirement, name: str, asked: str, found: str) -> RequirementRow:
+        """A limit, which is kept only as far as the flight was observed."""
+        row = self.row(requirement, name, asked, found)
+        return row if row.holds != "yes" or self._observed else replace(row, holds="not proved")
+
+    def kept(self, requirement: Requirement, name: str, asked: str) -> RequirementRow:
+        """A limit without a figure."""
+        number = sum(LIMIT_OF[violation.kind] == requirement for violation in self._report.violations)
+        kept = "kept" if self._observed else "kept wherever observed"
+        found = kept if number == 0 else f"left {counted(number, 'time')}"
+        return self.limit(requirement, name, asked, found)
+
+    def share(self, requirement: Requirement, name: str, asked: float, found: float) -> RequirementRow:
+        """A share of the area."""
+        return self.row(requirement, name, f"at least {100.0 * asked:g} %", _share(found, asked))
+
+    def others(self) -> list[RequirementRow]:
+        """Findings that decided the verdict and have no row yet, so that the table and the verdict say the same."""
+        findings = [finding for finding in self._report.judgement.findings if finding.effect != "noted"]
+        concerned = dict.fromkeys(name for finding in findings for name in finding.concerns if name not in self._told)
+        texts = {name: "; ".join(f.text for f in findings if name in f.concerns) for name in concerned}
+        return [self.row(name, _OTHERS.get(name, name), "always", text) for name, text in texts.items()]
+
+
+def _share(found: float | None, asked: float) -> str:
+    return "unknown" if found is None else percent_beside(found, asked)
+
+
+def _metres(value: float | None) -> str:
+    return "not known" if value is None else f"{value:.1f} m"

@@ -14,6 +14,7 @@ from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import LocalSlopes, local_slopes
 from uavcover.model.judgement import Finding, unproved
+from uavcover.model.verdict import CellStatistics, CoverageMoment
 from uavcover.run.scheduling import Workers, workers_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.block_map import judging_block, row_blocks
@@ -22,6 +23,7 @@ from uavcover.sensing.observing import add_observations
 from uavcover.sensing.pictures import PictureCounts
 from uavcover.verification.observations import Observations
 from uavcover.verification.possible_motion import MAX_LEAN_DEG
+from uavcover.verification.tuning import TRACK
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -293,3 +295,37 @@ _UNREPORTED = (
 )
 NO_PICTURES = PictureEvidence(findings=(unproved("photos", _UNREPORTED),))
 """Evidence for a flight that was not planned here: no mission of ours triggered its camera."""
+
+
+def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatistics:
+    """Statistics of observations, ground sample distance and incidence over all cells."""
+    seen = flown.seen
+
+    def percentile(values: FloatArray, share: float) -> float | None:
+        known = values[seen & np.isfinite(values)]
+        return float(np.percentile(known, share)) if known.size else None
+
+    return CellStatistics(
+        count=coverage.grid.count,
+        seen=int(seen.sum()),
+        looks_mean=float(flown.passes[seen].mean()) if seen.any() else None,
+        looks_max=int(flown.passes.max()),
+        seen_twice_fraction=coverage.share(flown.passes >= 2),
+        ground_sample_median_m=percentile(flown.ground_sample_m, 50.0),
+        ground_sample_p95_m=percentile(flown.ground_sample_m, 95.0),
+        incidence_median_deg=percentile(flown.incidence_deg, 50.0),
+        incidence_p95_deg=percentile(flown.incidence_deg, 95.0),
+    )
+
+
+def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: FloatArray) -> tuple[CoverageMoment, ...]:
+    """Coverage reached by selected moments of the (k,) observation times."""
+    if times_s.size == 0:
+        return ()
+    order = np.flatnonzero(flown.seen)
+    order = order[np.argsort(flown.first_seen_s[order], kind="stable")]
+    weight = coverage.grid.weight_m2
+    so_far = np.append(0.0, np.cumsum(weight[order])) / coverage.grid.area_m2
+    moments = np.linspace(times_s[0], times_s[-1], TRACK.moments) if times_s[-1] > times_s[0] else times_s[:1]
+    shares = so_far[np.searchsorted(flown.first_seen_s[order], moments, side="right")]
+    return tuple(CoverageMoment(float(t), float(share)) for t, share in zip(moments, shares, strict=True))

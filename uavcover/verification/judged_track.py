@@ -12,12 +12,26 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import LIMIT_OF, PhotoSource, Unobserved, Violation
 from uavcover.scenario.site import Site
 from uavcover.verification.attitude import known_attitude
-from uavcover.verification.ends import TrackEnd, ground_tolerance_m, track_ends
-from uavcover.verification.motion_doubts import motion_doubts, sampling_doubts
-from uavcover.verification.motion_windows import POSITION_ERROR_M
-from uavcover.verification.observations import Observations, observations_of
+from uavcover.verification.flown_route import (
+    Passing,
+    PlannedRoute,
+    contradiction,
+    on_route,
+    passing,
+    place_of,
+    plan_doubt,
+    unobserved_stretches,
+)
+from uavcover.verification.measured_motion import POSITION_ERROR_M
+from uavcover.verification.observations import (
+    Observations,
+    TrackPhotos,
+    observations_of,
+    photos_of,
+    reached_m,
+    reports_photos,
+)
 from uavcover.verification.possible_motion import judge_motion, motion_limits
-from uavcover.verification.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
 from uavcover.verification.safety import (
     Heights,
     Phases,
@@ -30,9 +44,8 @@ from uavcover.verification.safety import (
     track_heights,
     zones_at_unknown_time,
 )
+from uavcover.verification.track_doubts import TrackEnd, ground_tolerance_m, motion_doubts, sampling_doubts, track_ends
 from uavcover.verification.tuning import SAFETY, TRACK
-from uavcover.verification.unobserved import PlannedRoute, on_route, place_of, unobserved_stretches
-from uavcover.verification.waypoints_passed import Passing, contradiction, passing, plan_doubt
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,7 +300,7 @@ def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
 
 
 def _place_radius_m(site: Site) -> float:
-    return REACHED_RADII * site.scenario.vehicle.acceptance_radius_m + TRACK.place_margin_m
+    return reached_m(site) + TRACK.place_margin_m
 
 
 def _take_off_and_landing(

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.verification.motion_windows import FITTED_STEP_S, NOISE_MEDIANS, Windows
+from uavcover.verification.measured_motion import FITTED_STEP_S, NOISE_MEDIANS, Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
 from uavcover.verification.tuning import LEAN
 

@@ -4,7 +4,7 @@ Speed is evaluated over windows of 0.2, 1 and 3 s, acceleration by divided diffe
 vehicle that accelerates by at most ``a``, no divided difference exceeds ``a``, at any spacing of the samples. A track at
 1 Hz is therefore judged as fairly as one at 50 Hz, and the rounding of a log at 50 Hz is no acceleration.
 
-Where a velocity is reported, it has to agree with the positions (:mod:`uavcover.verification.reported_velocity`).
+Where a velocity is reported, it has to agree with the positions (:mod:`uavcover.verification.measured_motion`).
 """
 
 from collections.abc import Iterator
@@ -17,15 +17,18 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.vehicle import Vehicle, Wind
-from uavcover.verification.motion_windows import (
+from uavcover.verification.measured_motion import (
     ERROR_TIME_S,
     POSITION_ERROR_M,
     ROUNDING_S,
     UPWARD,
+    ContradictionKind,
+    PositionError,
+    WindowFigures,
     Windows,
+    contradictions,
     white_noise_m,
 )
-from uavcover.verification.reported_velocity import ContradictionKind, PositionError, WindowFigures, contradictions
 
 _BLOCK = 50_000
 """Windows that are computed at a time, to save memory."""

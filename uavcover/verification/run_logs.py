@@ -19,9 +19,9 @@ from uavcover.run.flight_folders import TRACK, plans_of
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track_with_warnings
 from uavcover.scenario.site import Site
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.track_logs.readers import READERS, read_foreign_log
 from uavcover.verification.tuning import CLOCK
-from uavcover.verification.unobserved import PlannedRoute
 
 # Check a track's clocks: its date, and the receive times on the clock of the ground station.
 #

@@ -27,25 +27,31 @@ from uavcover.sensing.pictures import (
     takes_pictures,
 )
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.decision import cell_statistics, coverage_by_time, decide, judged_requirements
+from uavcover.verification.decision import decide, judged_requirements
 from uavcover.verification.flown_coverage import (
     NOTHING_KNOWN,
     CountObservations,
     FlownCoverage,
     PictureEvidence,
+    cell_statistics,
     count_observations,
+    coverage_by_time,
     joined_observations,
     joining_shifts_s,
     seen_by_any,
 )
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.gaps import GapRegion, find_gaps
 from uavcover.verification.judged_track import JudgedTrack, judge_track, largest, track_positions_m
-from uavcover.verification.observations import Observations
-from uavcover.verification.reported_photos import reports_photos
+from uavcover.verification.observations import Observations, reports_photos
 from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, clocks_apart, dated
-from uavcover.verification.same_flight import Records, at_two_places, has_near, records_of_one_flight
-from uavcover.verification.separation import judge_separation
-from uavcover.verification.unobserved import PlannedRoute
+from uavcover.verification.several_flights import (
+    Records,
+    at_two_places,
+    has_near,
+    judge_separation,
+    records_of_one_flight,
+)
 
 __all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]
 

@@ -21,7 +21,7 @@ from tests.verification.track_logs.samples import (
 from uavcover.errors import TrackError
 from uavcover.model.sensor import SphereSensor
 from uavcover.model.track import ReadTrack
-from uavcover.verification.reported_photos import reports_photos
+from uavcover.verification.observations import reports_photos
 from uavcover.verification.track_logs.assembly import LoggedRows, assemble_track
 from uavcover.verification.track_logs.readers import read_foreign_log
 from uavcover.verification.tuning import LOGS

@@ -26,8 +26,8 @@ from uavcover.run.provenance import note_files
 from uavcover.run.track_file import read_track
 from uavcover.run.user import User, to_paste
 from uavcover.sensing.site_maps import judging_map
+from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.run_logs import shared_times
-from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 
 _FIRST_STOP = (

@@ -16,8 +16,7 @@ from uavcover.model.track import ReadTrack
 from uavcover.plugins import load, registered
 from uavcover.terrain.frames import LocalFrame
 from uavcover.verification.track_logs.assembly import LoggedRows, assemble_track
-from uavcover.verification.track_logs.dataflash import read_dataflash
-from uavcover.verification.track_logs.telemetry import read_telemetry
+from uavcover.verification.track_logs.mavlink_logs import read_dataflash, read_telemetry
 from uavcover.verification.track_logs.ulog import read_ulog
 
 
