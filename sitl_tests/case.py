@@ -15,8 +15,8 @@ from sitl_tests.matrix import ClientName
 from sitl_tests.simulators.running import RunningVehicle
 from uavcover.errors import VehicleError
 from uavcover.extras.mavsdk.client import MavsdkClient
-from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.monitor import Monitor
+from uavcover.flight.orders import FlightTimeouts
 from uavcover.flight.session import Session
 from uavcover.model.outcome import FlightEvent
 from uavcover.model.vehicle import AutopilotName

@@ -13,9 +13,8 @@ from sitl_tests.case import Case, Station
 from sitl_tests.errors import require
 from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
 from uavcover.flight.arming import arm_and_start, first_seq
-from uavcover.flight.flight_plan import FlightPlan, FlightTimeouts
-from uavcover.flight.fly import Orders, fly
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.fly import fly
+from uavcover.flight.orders import FlightPlan, FlightTimeouts, OnBreach, Orders, Precautions
 from uavcover.flight.readiness import request_telemetry, wait_until_ready
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.model.outcome import FlightEvent, FlightFailedError, FlightOutcome

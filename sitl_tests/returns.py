@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.areas import FramedPoint, RallyPoints, items_from_rally
 from mission_io.model.items import (
     Command,
@@ -24,7 +25,6 @@ from mission_io.model.items import (
 )
 from mission_io.wire import messages as m
 from sitl_tests.flying import frame_at
-from uavcover.flight.modes import Mode
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.failsafe_parameters import Response, failsafe_settings
 from uavcover.missions.failsafe_path import predict

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.links.simulated import SimulatedLink
-from uavcover.flight.modes import Mode
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.outcome import Ending

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.links.telemetry_log import TelemetryLogWriter
 from mission_io.model.enums import AutopilotId, ModeFlag, VehicleClass
 from mission_io.model.items import Command
@@ -11,7 +12,6 @@ from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from scripts.attack.disturbed_flights import Steered, against, steering_commands
 from tests.disturbances import KINDS
-from uavcover.flight.modes import Mode
 
 VEHICLE, STATION = Codec(system_id=1, component_id=1), Codec(system_id=255, component_id=190)
 AUTO, RTL = 3, 6

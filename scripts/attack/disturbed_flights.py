@@ -33,17 +33,16 @@ from pymavlink import mavutil
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[2])
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.clock import Clock
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.links.telemetry_log import TelemetryLogWriter
 from scripts.options import file_to_write
 from tests.disturbances import ALWAYS, GOOD, KINDS, Act
+from uavcover.flight.client import custom_mode
 from uavcover.flight.connect import Connected, fly, require_home
-from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.fly import Orders
-from uavcover.flight.modes import Mode, custom_mode
 from uavcover.flight.monitor import open_vehicle
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions
 from uavcover.flight.upload import upload
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.missions.mission_files import compile_plan

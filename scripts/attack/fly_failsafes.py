@@ -23,6 +23,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.client.commands import mode_params
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command
@@ -44,7 +45,7 @@ from sitl_tests.returns import (
 )
 from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.running import Start, StartRequest
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.client import custom_mode
 from uavcover.model.vehicle import AutopilotName
 
 _SPEEDS: Final = MappingProxyType({"arducopter": 8.0, "px4": 4.0})

@@ -37,10 +37,9 @@ from scripts.options import file_to_write, names_of
 from sitl_tests.errors import MissingSimulatorError
 from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
-from uavcover.flight.flight_plan import FlightPlan, FlightTimeouts
-from uavcover.flight.fly import Orders, fly
+from uavcover.flight.fly import fly
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import FlightPlan, FlightTimeouts, OnBreach, Orders, Precautions
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.mock.behaviour import Settings

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.items import Command, Frame
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
@@ -12,9 +13,8 @@ from sitl_tests.errors import require
 from sitl_tests.flying import Path, fly_mission, frame_at
 from sitl_tests.missions import HEIGHT_M, SPEED_M_S, route_mission
 from sitl_tests.relay import Relay
-from uavcover.flight.flight_plan import FlightPlan, OperatingVolume, PlanNeeds
-from uavcover.flight.modes import Mode, custom_mode
-from uavcover.flight.precautions import OnBreach
+from uavcover.flight.client import custom_mode
+from uavcover.flight.orders import FlightPlan, OnBreach, OperatingVolume, PlanNeeds
 from uavcover.kernels.flight_time import Pace
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from mission_io.autopilots.flight_modes import Mode
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import require
 from sitl_tests.flying import fly_mission, require_at_home
 from sitl_tests.missions import fence_around, rally_points, route_mission
 from sitl_tests.relay import Relay
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.client import custom_mode
 from uavcover.model.outcome import Ending, EventKind, FlightEvent
 
 _FENCE_HALF_WIDTH_M = 60.0

@@ -15,8 +15,8 @@ from sitl_tests.missions import route_mission
 from sitl_tests.relay import Relay
 from uavcover.errors import VehicleError
 from uavcover.flight import connect as session
-from uavcover.flight.fly import Orders, fly
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.fly import fly
+from uavcover.flight.orders import OnBreach, Orders, Precautions
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 from uavcover.scenario.site import load_site
 

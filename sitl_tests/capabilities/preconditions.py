@@ -10,9 +10,8 @@ from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import require
 from sitl_tests.flying import fly_mission, require_at_home
 from sitl_tests.missions import fence_around, route_mission
-from uavcover.flight.applied_limits import set_parameter
-from uavcover.flight.flight_plan import FlightPlan, OperatingVolume, PlanNeeds
-from uavcover.flight.precautions import OnBreach
+from uavcover.flight.limits import set_parameter
+from uavcover.flight.orders import FlightPlan, OnBreach, OperatingVolume, PlanNeeds
 from uavcover.kernels.flight_time import Pace
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 

@@ -6,6 +6,7 @@ from math import nan
 
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.formats import plan, wpl
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.enums import MissionResult
@@ -18,7 +19,7 @@ from sitl_tests.matrix import WORKS
 from sitl_tests.missions import long_mission, route_mission
 from sitl_tests.relay import Relay
 from uavcover.extras.mavsdk.session import raw_items
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.client import custom_mode
 from uavcover.flight.readiness import request_telemetry, wait_until_ready
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.model.outcome import Ending, EventKind, FlightEvent

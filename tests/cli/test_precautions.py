@@ -9,7 +9,7 @@ from uavcover.cli import options
 from uavcover.cli.console import Console
 from uavcover.cli.fly import OLD_LIMITS, precautions_for
 from uavcover.errors import InputError
-from uavcover.flight.precautions import OnBreach
+from uavcover.flight.orders import OnBreach
 from uavcover.run.folder import RunFolder
 
 

@@ -11,14 +11,13 @@ from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
 from mission_io.client.client import Client
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.items import Frame, GeoPoint, Mission, change_speed, land, takeoff, waypoint
-from uavcover.flight.flight_plan import FlightPlan
-from uavcover.flight.fly import FlightOutcome, Orders, fly
+from uavcover.flight.fly import fly
 from uavcover.flight.monitor import Monitor, open_vehicle
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import FlightPlan, OnBreach, Orders, Precautions
 from uavcover.mock.body import Ground, OnTruth
 from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import EventKind, FlightEvent
+from uavcover.model.outcome import EventKind, FlightEvent, FlightOutcome
 from uavcover.model.track import TrackSample
 from uavcover.terrain.frames import LocalFrame
 

@@ -5,14 +5,13 @@ from collections.abc import Callable
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
-from uavcover.flight.flight_plan import FlightTimeouts, OperatingVolume
-from uavcover.flight.modes import Mode
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, Precautions
 from uavcover.mock.dynamics import BatteryData
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 

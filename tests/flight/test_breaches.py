@@ -7,12 +7,10 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
-from uavcover.flight.flight_plan import FlightTimeouts, OperatingVolume
-from uavcover.flight.fly import Ending
-from uavcover.flight.precautions import OnBreach, Phase, Precautions, reaction
+from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, Phase, Precautions, reaction
 from uavcover.mock.dynamics import BatteryData, WindModel
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import EventKind, FlightEvent, FlightFailedError
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 HOME_M = FRAME.enu_from_geodetic(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)[0]

@@ -10,7 +10,7 @@ from mission_io.model.items import Frame, MissionType, land, waypoint
 from tests.flight.scene import HOME, Scene, above_home, presses
 from tests.flight.test_limits import the_plan
 from tests.flight.test_preconditions import BOTH, home_at, scene_of, second_station, square
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import OnBreach, Precautions
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightOutcome
 
 STOPS_AT_S = 35.0

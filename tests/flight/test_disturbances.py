@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
-from uavcover.flight.flight_plan import FlightTimeouts, OperatingVolume, PlanNeeds
-from uavcover.flight.modes import Mode
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, PlanNeeds, Precautions
 from uavcover.kernels.flight_time import Pace
 from uavcover.mock.dynamics import BatteryData, WindModel
 from uavcover.mock.faults import parse_fault

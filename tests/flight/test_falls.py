@@ -12,9 +12,9 @@ from mission_io.model.items import Frame, Mission, change_speed, land, takeoff, 
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, Scene, above_home, geodetic, make_scene, plan_for, presses
 from tests.flight.test_faults import ended, faulty_scene
-from uavcover.flight.fly import Ending
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.flight_control import FlightControl
+from uavcover.model.outcome import Ending
 
 
 def true_height_m(scene: Scene) -> list[float]:

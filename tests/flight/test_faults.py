@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.flight_modes import Mode
 from tests.flight.scene import Scene, make_scene, mission
-from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.fly import Ending
-from uavcover.flight.modes import Mode
+from uavcover.flight.orders import FlightTimeouts
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import EventKind, FlightFailedError, FlightOutcome
+from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightOutcome
 
 TIMEOUTS = FlightTimeouts(override_s=20.0, ready_s=20.0, stuck_s=20.0)
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.links.simulated import Conditions
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, land, return_to_launch, takeoff, waypoint
@@ -22,10 +23,9 @@ from tests.flight.scene import (
     way_home,
 )
 from uavcover.errors import VehicleError
-from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.fly import Ending, Orders, fly
-from uavcover.flight.modes import Mode, custom_mode
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.client import custom_mode
+from uavcover.flight.fly import fly
+from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions
 from uavcover.mock.behaviour import quick
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.flight_control import FlightControl
@@ -33,7 +33,7 @@ from uavcover.mock.itinerary import Itinerary
 from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.state import MockState
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.outcome import EventKind, FlightFailedError
+from uavcover.model.outcome import Ending, EventKind, FlightFailedError
 
 
 def ready_scene(*args, **options) -> Scene:
@@ -218,7 +218,7 @@ def test_refused_arming_has_its_result_and_the_vehicles_reason(autopilot, monkey
 
 
 def test_a_vehicle_that_may_be_real_needs_the_users_word(monkeypatch):
-    monkeypatch.setattr("uavcover.flight.precautions.MOCK_UID", 42)
+    monkeypatch.setattr("uavcover.flight.client.MOCK_UID", 42)
     scene = ready_scene()
     refused(scene, "vehicle 1 may be a real vehicle, so no command")
     assert scene.fly(confirmed=True).simulated_by is None

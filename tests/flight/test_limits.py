@@ -12,15 +12,13 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.errors import VehicleSilentError
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, make_scene, mission, plan_for
-from uavcover.flight.applied_limits import read_parameters
-from uavcover.flight.flight_plan import FlightTimeouts, OperatingVolume, PlanNeeds
-from uavcover.flight.fly import Ending
-from uavcover.flight.limit_table import Weight, limit_table, parameter_groups
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.limits import limit_table, parameter_groups, read_parameters
+from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, PlanNeeds, Precautions
+from uavcover.flight.parameter_rules import Weight
 from uavcover.flight.session import Session
 from uavcover.kernels.flight_time import Pace
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import EventKind, FlightEvent, FlightFailedError
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 FINE = {

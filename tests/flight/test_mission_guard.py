@@ -11,9 +11,8 @@ from mission_io.errors import TransferError
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Command, Mission, MissionType
 from tests.flight.scene import ROUTE_ENU_M, Scene, make_scene, mission
-from uavcover.flight.fly import Ending
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import EventKind, FlightEvent, FlightFailedError, FlightOutcome
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightOutcome
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 LISTS = 3

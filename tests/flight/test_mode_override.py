@@ -1,10 +1,10 @@
 import pytest
 
 from mission_io.autopilots.autopilot import PX4
+from mission_io.autopilots.flight_modes import Mode
 from tests.flight.scene import make_scene, mission, plan_for, way_home
-from uavcover.flight.fly import Orders, fly
-from uavcover.flight.modes import Mode
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.fly import fly
+from uavcover.flight.orders import OnBreach, Orders, Precautions
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.planner.sites import make_site
 from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.errors import InputError
-from uavcover.flight.own_links import VehiclePlace, given_places, links_of_run, links_of_scenario, require_different
+from uavcover.flight.connect import VehiclePlace, given_places, links_of_run, links_of_scenario, require_different
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.vehicle_areas import vehicle_scenario

@@ -5,7 +5,7 @@ import numpy as np
 from mission_io.model.areas import FramedPoint
 from tests.missions.compiled_routes import compiled, route
 from tests.planner.sites import make_site, ridge
-from uavcover.flight.applied_limits import return_warnings
+from uavcover.flight.limits import return_warnings
 from uavcover.missions.return_advice import OwnReturns
 
 ROUTE = route((20, 150, 160), (200, 150, 160), (260, 150, 80), (260, 50, 80), (200, 50, 80))

@@ -9,7 +9,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.items import Frame, Mission, trigger_camera_every
 from tests.flight.scene import mission
 from tests.flight.test_limits import the_plan
-from uavcover.flight.limit_table import limit_table
+from uavcover.flight.limits import limit_table
 from uavcover.flight.parameter_rules import CATEGORIES, Weight, parameter_table, read_table
 
 BOTH = pytest.mark.parametrize("px4", [False, True], ids=["ArduPilot", "PX4"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uavcover.flight.resume import Passage
+from uavcover.flight.progress import Passage
 
 ROUTE_M = np.array([(0.0, 0.0, 50.0), (100.0, 0.0, 50.0), (100.0, 40.0, 50.0), (0.0, 40.0, 50.0)])
 FAR_M = np.array([50.0, 300.0, 80.0])

@@ -5,14 +5,13 @@ import dataclasses
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import Command, Mission, trigger_camera_every
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, Scene, above_home, make_scene, mission
 from tests.flight.test_limits import the_plan
-from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.modes import Mode
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import FlightTimeouts, OnBreach, Precautions
 from uavcover.mock import behaviour
 from uavcover.mock.reactions import handle
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError

@@ -12,7 +12,7 @@ from mission_io.model.items import GeoPoint
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, Scene, geodetic, make_scene, mission, plan_for
 from uavcover.errors import VehicleError
-from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.orders import FlightTimeouts
 from uavcover.flight.readiness import check_home, check_home_position, check_telemetry, missing
 from uavcover.mock import reactions
 from uavcover.mock.behaviour import quick
@@ -46,13 +46,7 @@ def status(present: int, healthy: int) -> m.SysStatus:
 
 def lacked(*told: m.Message, ardupilot: bool = True) -> list[str]:
     heard = {type(message): message for message in told}
-    number = AutopilotId.ARDUPILOT if ardupilot else AutopilotId.PX4
-    return missing(
-        SimpleNamespace(
-            monitor=SimpleNamespace(latest=heard.get),
-            client=SimpleNamespace(vehicle=SimpleNamespace(mav_autopilot=number)),
-        )
-    )
+    return missing(SimpleNamespace(monitor=SimpleNamespace(latest=heard.get), is_ardupilot=ardupilot))
 
 
 READY = (fix(3), m.EkfStatusReport(GOOD_FILTER), status(CHECKS, CHECKS), PLACE)

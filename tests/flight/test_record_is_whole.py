@@ -8,7 +8,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.wire import messages as m
 from tests.flight.scene import Scene, make_scene, mission
-from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.orders import FlightTimeouts
 from uavcover.mock.body import TruthSample
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.state import Streams

@@ -7,8 +7,8 @@ import pytest
 
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
+from uavcover.flight.fly import Recorder
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.recorder import Recorder
 from uavcover.model.track import TrackSample
 from uavcover.terrain.frames import LocalFrame
 

@@ -8,7 +8,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.enums import CommandResult
 from tests.flight.scene import Scene, make_scene, mission, plan_for, presses, way_home
-from uavcover.flight.fly_on import Continuation, fly_on
+from uavcover.flight.resume import Continuation, take_over
 from uavcover.mock.flight_control import FlightControl
 from uavcover.model.outcome import Ending, FlightFailedError
 
@@ -72,7 +72,7 @@ def test_a_vehicle_in_the_air_goes_on_with_the_item_that_it_is_told(autopilot, m
     scene = held_in_the_air(autopilot)
     begun = items_flown(scene, monkeypatch)
     plan = dataclasses.replace(plan_for(mission()), first_waypoint_item=5, waypoint_count=2)
-    outcome = fly_on(
+    outcome = take_over(
         scene.client, scene.monitor, lambda *_: Continuation(plan, upload=False, first_item=5),
         scene.orders(), plan_return=way_home,
     )  # fmt: skip

@@ -8,15 +8,15 @@ from random import Random
 import numpy as np
 import pytest
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.links.simulated import Conditions, SimulatedLink
 from tests.planner.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.flight.command import commands_after_flight
-from uavcover.flight.connect import Connected, fly, fly_from_the_air, fly_on, home_of, is_in_the_air
-from uavcover.flight.fly import Ending, FlightOutcome, Orders
-from uavcover.flight.modes import Mode
+from uavcover.flight.connect import Connected, fly, home_of, is_in_the_air
 from uavcover.flight.monitor import open_vehicle
-from uavcover.flight.resume import find_unfinished, save_rest, took_off_s
+from uavcover.flight.orders import Orders
+from uavcover.flight.resume import find_unfinished, fly_from_the_air, fly_on, save_rest, took_off_s
 from uavcover.flight.upload import upload
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.mission_compiler import AUTOPILOTS
@@ -27,7 +27,7 @@ from uavcover.mock.dynamics import Battery, BatteryData
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import FlightEvent, FlightFailedError
+from uavcover.model.outcome import Ending, FlightEvent, FlightFailedError, FlightOutcome
 from uavcover.model.route import Plan, Route
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName

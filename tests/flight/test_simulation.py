@@ -9,14 +9,13 @@ from mission_io.model.enums import CommandResult
 from mission_io.wire import messages as m
 from tests.flight.scene import make_scene, mission
 from uavcover.errors import VehicleError
-from uavcover.flight.fly import Ending
-from uavcover.flight.precautions import simulated_by
+from uavcover.flight.client import simulated_by
 from uavcover.mock import reactions
 from uavcover.mock import vehicle as mock_vehicle
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.state import MockState
 from uavcover.mock.tuning import FLIGHT
-from uavcover.model.outcome import EventKind
+from uavcover.model.outcome import Ending, EventKind
 
 
 @pytest.mark.parametrize(
@@ -30,7 +29,7 @@ from uavcover.model.outcome import EventKind
 )
 @pytest.mark.parametrize("tells_version", [True, False])
 def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected, tells_version, monkeypatch):
-    monkeypatch.setattr("uavcover.flight.precautions.MOCK_UID", 42)
+    monkeypatch.setattr("uavcover.flight.client.MOCK_UID", 42)
     if not tells_version:
         monkeypatch.setitem(reactions._HANDLERS, 512, lambda *_: CommandResult.UNSUPPORTED)
 

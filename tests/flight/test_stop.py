@@ -3,15 +3,15 @@
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Mission
 from tests.flight.scene import HOME, Scene, make_scene, mission, presses, way_home
 from uavcover.errors import InfeasibleError, VehicleError
-from uavcover.flight.fly import Clearance, Ending
-from uavcover.flight.modes import Mode
+from uavcover.flight.orders import Clearance
 from uavcover.mock.behaviour import quick
 from uavcover.mock.flight_control import FlightControl
-from uavcover.model.outcome import EventKind
+from uavcover.model.outcome import Ending, EventKind
 
 
 def scene_with_mission(autopilot=ARDUPILOT) -> Scene:

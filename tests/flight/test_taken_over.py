@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from tests.flight.scene import FRAME, Scene, geodetic, make_scene, mission, plan_for, presses, way_home
 from tests.flight.test_blackouts import BAND, Witness, dark_scene
 from uavcover.flight import follower
-from uavcover.flight.flight_plan import FlightTimeouts, OperatingVolume
-from uavcover.flight.modes import Mode
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, Precautions
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session
 from uavcover.mock.dynamics import BatteryData

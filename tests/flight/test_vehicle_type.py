@@ -13,11 +13,12 @@ from mission_io.autopilots.autopilot import (
     parse_type,
     type_name,
 )
+from mission_io.autopilots.flight_modes import Mode, has_mode, mode_from_custom
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from tests.flight.scene import make_scene, mission
 from uavcover.errors import VehicleError
-from uavcover.flight.modes import Mode, custom_mode, has_mode, mode_from_custom
+from uavcover.flight.client import custom_mode
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.outcome import Ending, FlightFailedError
 

@@ -11,7 +11,7 @@ from mission_io.model.actions import PointGimbal, PointMount, StartPictures, Tak
 from mission_io.model.items import Command
 from tests.planner.sites import CAMERA, make_site
 from uavcover.errors import InfeasibleError
-from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.orders import FlightPlan
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.route import Route
 from uavcover.model.sensor import DiscSensor, FrameCamera, SphereSensor

@@ -3,12 +3,13 @@
 from collections.abc import Iterable
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType, takeoff, waypoint
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message, message_from_item
 from tests.flight.scene import HOME, above_home, mock_vehicle
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.client import custom_mode
 
 
 class Bench:

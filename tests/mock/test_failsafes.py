@@ -5,13 +5,13 @@ import struct
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon, items_from_fence
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command, MissionType
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, above_home
 from tests.mock.bench import Bench, go, ready
-from uavcover.flight.modes import Mode
 from uavcover.mock.dynamics import BatteryData
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import CommandResult, EkfFlag, LandedState, MissionState
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from tests.mock.bench import Bench, go, ready, up_there
 from uavcover.errors import InputError
-from uavcover.flight.modes import Mode
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule, FaultTrigger, Since, parse_fault
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

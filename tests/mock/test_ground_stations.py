@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.formats.wpl import write_mission
 from tests.flight.scene import HOME, mission
-from uavcover.flight.modes import Mode
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.ports import TcpPort, UdpPort
 from uavcover.mock.server import MockServer

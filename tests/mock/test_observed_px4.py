@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.client.client import Client
 from mission_io.errors import MissionIoError
 from mission_io.links.simulated import Conditions, SimulatedLink
@@ -16,7 +17,6 @@ from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, mission
 from tests.mock.bench import Bench, go
-from uavcover.flight.modes import Mode
 from uavcover.mock.behaviour import OBSERVED
 from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle

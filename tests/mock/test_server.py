@@ -20,12 +20,13 @@ from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from tests.flight.scene import HOME, mission, plan_for, way_home
 from uavcover.errors import InputError, VehicleError
-from uavcover.flight.fly import Ending, Orders, fly
+from uavcover.flight.fly import fly
 from uavcover.flight.monitor import open_vehicle
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import OnBreach, Orders, Precautions
 from uavcover.mock.ports import InMemoryPeer, TcpPort
 from uavcover.mock.server import BackgroundMock, MockServer, mock_endpoint, run
 from uavcover.mock.vehicle import MockConfig, MockVehicle
+from uavcover.model.outcome import Ending
 
 SPEED = 40.0
 WATCHDOG_S = 120.0

@@ -5,13 +5,13 @@ import math
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME
 from tests.mock.bench import Bench, go, ready
 from tests.mock.test_failsafes import BOTH, set_parameter, texts
-from uavcover.flight.modes import Mode
 
 
 def flying(autopilot, *items, **parameters: float) -> Bench:

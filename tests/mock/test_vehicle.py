@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import CommandResult, EkfFlag, LandedState, MissionResult, MissionState
 from mission_io.model.items import Command, Frame, GeoPoint, delay, land, takeoff, waypoint
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
 from tests.flight.scene import HOME, above_home
 from tests.mock.bench import Bench, go, ready, up_there
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.client import custom_mode
 from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.telemetry import MOCK_UID

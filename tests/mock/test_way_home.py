@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.wire import messages as m
 from sitl_tests.compared_returns import compare
 from sitl_tests.returns import HOME, FailsafeCase, fly_on_mock, make_case, make_way_case
-from uavcover.flight.modes import Mode
 from uavcover.mock.itinerary import Step, StepKind
 from uavcover.mock.smart_return import Trail
 from uavcover.mock.vehicle import MockConfig, MockVehicle

@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from uavcover.flight.precautions import policy
+from uavcover.flight.orders import policy
 from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome, Incident
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "flight.md"

@@ -7,8 +7,8 @@ import numpy as np
 
 from mission_io.links.simulated import Conditions, SimulatedLink
 from uavcover.flight.connect import Connected, fly, home_of
-from uavcover.flight.fly import Orders
 from uavcover.flight.monitor import open_vehicle
+from uavcover.flight.orders import Orders
 from uavcover.flight.upload import upload
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.missions.mission_files import compile_plan

@@ -17,7 +17,7 @@ from uavcover.cli import options
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
-    from uavcover.flight.precautions import OnBreach, Precautions
+    from uavcover.flight.orders import OnBreach, Precautions
     from uavcover.run.folder import RunFolder
 
 
@@ -109,8 +109,8 @@ def fly(
     """
     from uavcover.errors import INTERRUPTED, InputError
     from uavcover.flight.command import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
-    from uavcover.flight.flight_plan import FlightTimeouts
-    from uavcover.flight.own_links import links_of_run
+    from uavcover.flight.connect import links_of_run
+    from uavcover.flight.orders import FlightTimeouts
     from uavcover.model.outcome import Ending
     from uavcover.plugins import load
     from uavcover.run.flight_folders import read_planned
@@ -205,7 +205,7 @@ def precautions_for(
     Raises:
         InputError: what an earlier flight left is no list of parameters.
     """
-    from uavcover.flight.precautions import Precautions
+    from uavcover.flight.orders import Precautions
 
     def keep(values: Mapping[str, float]) -> None:
         if values:

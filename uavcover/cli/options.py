@@ -38,9 +38,8 @@ class Overview(TyperGroup):
 if TYPE_CHECKING:
     from mission_io import SigningKey
     from uavcover.cli.console import Console
-    from uavcover.flight.connect import ClientName, VehicleLink
-    from uavcover.flight.own_links import VehiclePlace
-    from uavcover.flight.precautions import OnBreach
+    from uavcover.flight.connect import ClientName, VehicleLink, VehiclePlace
+    from uavcover.flight.orders import OnBreach
 
 Events = Annotated[bool, typer.Option("--events", help="Write messages and progress to stderr as JSON lines.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout, and everything else to stderr.")]
@@ -294,7 +293,7 @@ class VehicleOptions(LinkOptions):
 
     def link_to(self, url: str, *, client: str = "native", link: str = "default") -> "VehicleLink":
         """The vehicle at ``url``; see :meth:`LinkOptions.link_at`."""
-        from uavcover.flight.own_links import VehiclePlace
+        from uavcover.flight.connect import VehiclePlace
 
         return self.link_at(VehiclePlace(url, self.system), client=client, link=link)
 
@@ -311,7 +310,7 @@ class EachVehicleOptions(LinkOptions):
         Raises:
             InputError: they do not fit each other.
         """
-        from uavcover.flight.own_links import given_places
+        from uavcover.flight.connect import given_places
 
         return given_places(urls, self.system)
 
@@ -350,7 +349,7 @@ def words_of(links: "Sequence[VehicleLink]") -> list[object]:
 
 def on_breach(text: str | None) -> "OnBreach | None":
     """Check what is to be done on a breach; None is the vehicle's default. Raises InputError: it is not known."""
-    from uavcover.flight.precautions import OnBreach
+    from uavcover.flight.orders import OnBreach
 
     if text is None:
         return None

@@ -146,8 +146,7 @@ def plan_upload(
     planned for this number of vehicles. upload.json describes the latest upload.
     """
     from uavcover.errors import InputError
-    from uavcover.flight.connect import require_home
-    from uavcover.flight.own_links import links_of_run, links_of_scenario
+    from uavcover.flight.connect import links_of_run, links_of_scenario, require_home
     from uavcover.flight.upload import upload_run
     from uavcover.planner.command import PlanRequest, plan_into
     from uavcover.plugins import load

@@ -18,8 +18,8 @@ from uavcover.cli.console import Console
 from uavcover.errors import INTERRUPTED, InputError, VehicleError
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, fly_run
 from uavcover.flight.connect import VehicleLink, require_home
-from uavcover.flight.fly import Ending
 from uavcover.flight.upload import upload_run
+from uavcover.model.outcome import Ending
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.report.page import save_report
 from uavcover.run.folder import REPORT_FILE, RunFolder

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.errors import CommandRefusedError, VehicleSilentError
-from mission_io.model.enums import AutopilotId, CommandResult
+from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire.messages import MissionCurrent, MissionSetCurrent
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.client import custom_mode
 from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
 from uavcover.flight.tuning import PREPARATION
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
@@ -27,17 +28,16 @@ def arm_and_start(session: Session) -> None:
         mission_io.errors.CommandRefusedError: it refuses another step.
         Stopped: the user asked to stop; it may be armed.
     """
-    ardupilot = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
     first = first_seq(session)
     session.prepare(lambda: set_current_item(session, first))
     if session.stop():
         raise Stopped
-    start = Mode.GUIDED if ardupilot else Mode.MISSION
+    start = Mode.GUIDED if session.is_ardupilot else Mode.MISSION
     session.prepare(lambda: set_mode(session, start))
     session.monitor.forget(MissionCurrent)  # the item of an older flight may still be reported
     _arm(session, start)
     session.tell(EventKind.STAGE, "armed")
-    if ardupilot:
+    if session.is_ardupilot:
         session.steer(lambda: set_mode(session, Mode.MISSION), while_in=[start, Mode.MISSION])
         session.steer(lambda: session.client.command(Command.MISSION_START), while_in=[Mode.MISSION])
 
@@ -78,7 +78,7 @@ def continue_mission(session: Session, seq: int | None = None) -> None:
     if wanted < 0:  # nothing is known of its item
         _steer(session, lambda: set_mode(session, Mode.MISSION))
         return
-    if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
+    if session.is_ardupilot:
         _steer(session, lambda: session.client.command(Command.MISSION_START))  # enters AUTO, and answers at once
         _steer(session, lambda: set_current_item(session, wanted))
     _steer(session, lambda: set_mode(session, Mode.MISSION))
@@ -121,7 +121,7 @@ def hold_mode(session: Session) -> Mode:
 
     ArduPilot's LOITER takes the height from the throttle stick, which is down when no pilot holds it; GUIDED stays.
     """
-    return Mode.GUIDED if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT else Mode.HOLD
+    return Mode.GUIDED if session.is_ardupilot else Mode.HOLD
 
 
 def first_seq(session: Session) -> int:

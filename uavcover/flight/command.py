@@ -10,25 +10,13 @@ from typing import Any
 from mission_io.clock import MonotonicClock, SystemClock
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, OutputError, UavcoverError
-from uavcover.flight.connect import (
-    Connected,
-    VehicleLink,
-    check_home,
-    connect,
-    fly,
-    fly_from_the_air,
-    fly_on,
-    is_in_the_air,
-    require_home,
-)
+from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, fly, is_in_the_air, require_home
 from uavcover.flight.flight_log import FlightLog, live_recording
-from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.fly import ALONE, Clearance, Ending, FlightOutcome, Orders
-from uavcover.flight.precautions import USUAL, Precautions
-from uavcover.flight.resume import Unfinished, find_unfinished, save_rest, took_off_s
+from uavcover.flight.orders import ALONE, USUAL, Clearance, FlightTimeouts, Orders, Precautions
+from uavcover.flight.resume import Unfinished, find_unfinished, fly_from_the_air, fly_on, save_rest, took_off_s
 from uavcover.flight.upload import upload, upload_document
 from uavcover.missions.mission_files import compile_plan
-from uavcover.model.outcome import FlightFailedError
+from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording.writer import write_recording

@@ -1,55 +1,47 @@
-"""A site's vehicle: find it, check that it stands where the plan starts, fly the compiled mission."""
+"""The vehicles of a command or a site: their addresses and links, where they stand, and the flight of a compiled mission."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
 
 from mission_io import SigningKey
-from mission_io.autopilots.autopilot import wire_items
-from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.client.client import Client
 from mission_io.errors import TransferSilentError, VehicleSilentError
 from mission_io.links.opening import open_link
 from mission_io.links.shared import SharedLink
 from mission_io.links.telemetry_log import LoggedLink
-from mission_io.model.items import GeoPoint, MissionType
+from mission_io.model.items import GeoPoint
+from mission_io.model.plain_text import counted
 from mission_io.protocol.timing import Timing
 from mission_io.wire.messages import ExtendedSysState, GlobalPositionInt
 from uavcover.errors import InputError
-from uavcover.flight.flight_plan import FlightPlan, FlightTimeouts, OperatingVolume, PlanNeeds
-from uavcover.flight.fly import FlightOutcome, Orders
+from uavcover.flight.client import require_answers, require_multirotor
 from uavcover.flight.fly import fly as fly_plan
-from uavcover.flight.fly_on import Continuation, PlanContinuation
-from uavcover.flight.fly_on import fly_on as fly_on_plan
-from uavcover.flight.modes import require_multirotor
+from uavcover.flight.follow import PlanReturn
 from uavcover.flight.monitor import Monitor, open_vehicle
-from uavcover.flight.precautions import require_answers
+from uavcover.flight.orders import FlightPlan, FlightTimeouts, OperatingVolume, Orders, PlanNeeds
 from uavcover.flight.readiness import check_home as check_home_of
-from uavcover.flight.resume import along_leg_m
-from uavcover.flight.return_home import PlanReturn
 from uavcover.flight.session import Session
 from uavcover.flight.vehicle_terrain import answer_from_site
 from uavcover.missions.flight_costs import way_home
-from uavcover.missions.leg_checks import find_problems
-from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_return
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.route import Route
+from uavcover.model.outcome import FlightOutcome
+from uavcover.model.scenario import Scenario
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import load
+from uavcover.run.folder import RunFolder
 from uavcover.scenario.pace import pace_of
+from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site
-
-if TYPE_CHECKING:  # who sends a file has no plan
-    from uavcover.flight.resume import Unfinished
 
 _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
 """Timeout and interval of the question to an armed vehicle whether it stands on the ground."""
@@ -262,8 +254,13 @@ def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Order
     """
     return fly_plan(
         vehicle.client, vehicle.monitor, flight_plan(site, compiled),
-        orders, plan_return=_plan_return(site),
+        orders, plan_return=checked_return(site),
     )  # fmt: skip
+
+
+def checked_return(site: Site) -> PlanReturn:
+    """Plans the return to a site's home along checked legs."""
+    return lambda lat, lon, alt: compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
 
 
 def is_in_the_air(vehicle: Connected) -> bool:
@@ -279,109 +276,114 @@ def is_in_the_air(vehicle: Connected) -> bool:
     return client.vehicle.armed and not (monitor.ground.says_landed if proved is None else proved)
 
 
-def fly_on(vehicle: Connected, site: Site, unfinished: "Unfinished", orders: Orders) -> FlightOutcome:
-    """Take over a vehicle in the air, and fly what is left of a plan.
+# Addresses of the vehicles of a command: from its options, or from the vehicles' scenario.
 
-    A vehicle that still holds the mission and is where it left its route goes on with the item it was flying to. Any other is
-    sent a mission that leads from where it is, along checked legs, to where the route was left.
+
+class VehiclePlace(NamedTuple):
+    """Where a vehicle is."""
+
+    url: str  # its link
+    system_id: int | None = None  # which one on it; none where it is the only one
+
+
+def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> list[VehiclePlace]:
+    """The vehicles that ``--to`` and ``--system`` name, vehicle 1 first; none where no ``--to`` is given.
+
+    One link with several systems is that of all of them; one system is that of each link.
 
     Raises:
-        FlightFailedError: as ``fly``; also when there is no checked way on from where the vehicle is, which then holds there.
+        InputError: there are other numbers of both, or one vehicle is named twice.
     """
-
-    def plan_continuation(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Continuation:
-        held = _held_onward(vehicle, site, unfinished, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
-        if held is not None:
-            return held
-        return _sent_onward(
-            vehicle, site, unfinished.route, lat_deg, lon_deg, alt_amsl_m, up_since_s=float(unfinished.track.time_s[0])
+    urls, systems = urls or (), systems or ()
+    if urls and len(urls) != len(systems) and 1 not in (len(urls), len(systems)) and systems:
+        raise InputError(
+            f"--system is given {len(systems)} times, but --to {len(urls)} times; give one --system for each --to, "
+            "or one --to for all"
         )
+    if systems and not urls:
+        if len(systems) > 1:
+            raise InputError("--system selects a vehicle on a link; specify the link with --to")
+        return []
+    count = max(len(urls), len(systems))
+    all_urls = [*urls] if len(urls) == count else [*urls] * count
+    all_systems = [*systems] if len(systems) == count else [*systems, None][:1] * count
+    places = [VehiclePlace(url, system) for url, system in zip(all_urls, all_systems, strict=True)]
+    require_different(places)
+    return places
 
-    return _take_over(vehicle, site, plan_continuation, orders)
+
+def require_different(places: Sequence[VehiclePlace]) -> None:
+    """Refuse two vehicles at one address; each ``mock:`` is a vehicle of its own.
+
+    Raises:
+        InputError: two have the same address, or share one link and one system id.
+    """
+    for number, (url, system_id) in enumerate(places):
+        on_it = [] if url.startswith("mock:") else [place for place in places[:number] if place.url == url]
+        if any(None in (system_id, place.system_id) for place in on_it):
+            raise InputError(
+                f"--to: {url} is used {1 + len(on_it)} times; each vehicle needs its own link, or its own --system on that link"
+            )
+        if VehiclePlace(url, system_id) in on_it:
+            raise InputError(f"--system: {system_id} at {url} is used twice; each vehicle needs its own system ID")
 
 
-def fly_from_the_air(
-    vehicle: Connected, site: Site, route: Route, orders: Orders, *, up_since_s: float | None
-) -> FlightOutcome:
-    """Take over a vehicle in the air, and fly a whole route and home along checked legs.
+def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
+    """The given addresses, or those that the scenario of a run names.
 
     Args:
-        vehicle: connected, in the air.
-        site: the scenario on its ground.
-        route: the planned route, such as the one that closes the gaps of the flight that the vehicle is still on.
-        orders: the user's orders, and the receiver of messages.
-        up_since_s: vehicle time at which it took off, which its endurance has to bear; none: since it was switched on.
+        run: with a plan.
+        given: by :func:`given_places`.
+        sortie: number of the one that is meant; none: all of the run.
 
     Raises:
-        FlightFailedError: as ``fly``; also when there is no checked way to the route, and the vehicle then holds where it is.
+        InputError: none was given, and the scenario does not name those of all vehicles that fly.
     """
-
-    def plan_continuation(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Continuation:
-        return _sent_onward(vehicle, site, route, lat_deg, lon_deg, alt_amsl_m, up_since_s=up_since_s or 0.0)
-
-    return _take_over(vehicle, site, plan_continuation, orders)
-
-
-def _take_over(vehicle: Connected, site: Site, plan_continuation: PlanContinuation, orders: Orders) -> FlightOutcome:
-    return fly_on_plan(
-        vehicle.client, vehicle.monitor, plan_continuation,
-        orders, plan_return=_plan_return(site),
-    )  # fmt: skip
-
-
-def _sent_onward(
-    vehicle: Connected,
-    site: Site,
-    route: Route,
-    lat_deg: float,
-    lon_deg: float,
-    alt_amsl_m: float,
-    *,
-    up_since_s: float,
-) -> Continuation:
-    """A mission from where the vehicle is, to be sent to it."""
-    flown_s = (vehicle.monitor.time_s or 0.0) - up_since_s
-    compiled = compile_continuation(
-        site, route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
-        flown_s=max(0.0, flown_s), autopilot=vehicle.autopilot,
-    )  # fmt: skip
-    return Continuation(flight_plan(site, compiled), upload=True, first_item=0)
+    if given:
+        return list(given)
+    folder = run if sortie is None else run.flight(sortie)
+    scenario = load_scenario(folder.existing("scenario.toml", made_by="uavcover plan"))
+    if folder.read_json("plan.json", made_by="uavcover plan").get("fleet") is not None:
+        return _links_of(scenario)
+    # One flight of a fleet: a sortie's scenario has its own vehicle, and what closes gaps is flown by vehicle 1.
+    vehicle = (scenario.vehicles or (scenario.vehicle,))[0]
+    if vehicle.link is None:
+        raise InputError(f"--to is missing, and the vehicle of {folder} has no link in its scenario; specify --to")
+    return [VehiclePlace(vehicle.link, vehicle.system_id)]
 
 
-def _held_onward(
-    vehicle: Connected, site: Site, unfinished: "Unfinished", *, lat_deg: float, lon_deg: float, alt_amsl_m: float
-) -> Continuation | None:
-    """The continuation of the mission on the vehicle; none for another mission, or away from the route."""
-    number, planned_m = unfinished.broken.waypoint, unfinished.planned.route.waypoints_m
-    if site.frame is None or number == 0:
-        return None
-    here_m = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
-    flown_m, aside_m = along_leg_m(here_m, planned_m[number - 1 : number + 1])
-    near_m = site.scenario.vehicle.acceptance_radius_m
-    limits = site.scenario.limits
-    way = np.ascontiguousarray([here_m, planned_m[number]])
-    if (
-        aside_m > near_m
-        or flown_m > unfinished.broken.flown_m + near_m
-        or find_problems(site, way, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m)
-    ):
-        return None
-    compiled = compile_plan(site, unfinished.planned.route, autopilot=vehicle.autopilot)
-    autopilot = AUTOPILOTS[vehicle.autopilot]
-    held = vehicle.client.download(MissionType.MISSION)
-    if fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot)) is not None:
-        return None
-    # The numbers of the track are those of the route that is left: a route that begins on the leg has one more.
-    passed = len(unfinished.route) - (len(planned_m) - number)
-    each = compiled.items_per_waypoint
-    plan = replace(
-        flight_plan(site, compiled),
-        first_waypoint_item=compiled.first_waypoint_item + each * (number - passed),
-        waypoint_count=len(unfinished.route),
-        passed_before=passed,
-    )
-    return Continuation(plan, upload=False, first_item=compiled.first_waypoint_item + each * number)
+def links_of_scenario(source: str, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
+    """The same for a scenario that is not planned yet, a file or a bundled one.
+
+    Raises:
+        InputError: the same, or their number is not that of the vehicles.
+    """
+    scenario = load_scenario(source)
+    if not given:
+        return _links_of(scenario)
+    if scenario.vehicles and len(given) != len(scenario.vehicles) and not (len(given) == 1 and sortie is not None):
+        raise InputError(
+            f"--to is given {counted(len(given), 'time')}, but {source} defines "
+            f"{len(scenario.vehicles)} different vehicles; specify a link for each, vehicle 1 first"
+        )
+    return list(given)
 
 
-def _plan_return(site: Site) -> PlanReturn:
-    return lambda lat, lon, alt: compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+def _links_of(scenario: Scenario) -> list[VehiclePlace]:
+    """The links of the vehicles of a scenario, vehicle 1 first. Raises InputError: one is missing."""
+    if not scenario.vehicles:
+        if scenario.vehicle.link is None:
+            raise InputError("--to is missing, and [vehicle] has no link; specify one of them")
+        if scenario.fleet.vehicles > 1:
+            raise InputError(
+                f"--to is missing, and [vehicle] has one link for {scenario.fleet.vehicles} vehicles; use --to for "
+                "each, or a [[vehicle]] with its own link for each"
+            )
+        return [VehiclePlace(scenario.vehicle.link, scenario.vehicle.system_id)]
+    missing = [number for number, vehicle in enumerate(scenario.vehicles, start=1) if vehicle.link is None]
+    if missing:
+        raise InputError(
+            f"--to is missing, and [[vehicle]] number {missing[0]} has no link; use --to for each vehicle, or add a "
+            "link to each [[vehicle]]"
+        )
+    return [VehiclePlace(vehicle.link, vehicle.system_id) for vehicle in scenario.vehicles if vehicle.link is not None]

@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mission_io.autopilots.flight_modes import Mode, mode_from_custom
 from mission_io.links.telemetry_log import TelemetryLogWriter
 from mission_io.wire import messages as m
 from uavcover.errors import OutputError
 from uavcover.flight.connect import Connected
-from uavcover.flight.modes import Mode, mode_from_custom
 from uavcover.flight.tuning import RECORDS
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import landing_time, leg_times, turn_times

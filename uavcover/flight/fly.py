@@ -2,78 +2,27 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
-from mission_io.model.items import Mission
+from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
-from uavcover.flight.applied_limits import AppliedLimits, tell_own_returns, tell_returns_by
-from uavcover.flight.arming import (
-    arm_and_start,
-    disarm_on_ground,
-    is_flying,
-)
-from uavcover.flight.client import VehicleClient
-from uavcover.flight.flight_plan import FlightPlan, FlightTimeouts
-from uavcover.flight.follow import follow_mission, follow_taken
-from uavcover.flight.modes import Mode, require_multirotor
+from uavcover.flight.arming import arm_and_start, disarm_on_ground, is_flying
+from uavcover.flight.client import VehicleClient, require_answers, require_multirotor, simulated_by
+from uavcover.flight.follow import PlanReturn, follow_mission, follow_taken, return_home
+from uavcover.flight.limits import AppliedLimits, tell_own_returns, tell_returns_by
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.precautions import USUAL, Precautions, require_answers, simulated_by
+from uavcover.flight.orders import Clearance, FlightPlan, FlightTimeouts, Orders
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress
-from uavcover.flight.readiness import (
-    check_home,
-    check_mission,
-    request_telemetry,
-    wait_until_ready,
-)
-from uavcover.flight.recorder import Recorder
-from uavcover.flight.return_home import PlanReturn, return_home
+from uavcover.flight.readiness import check_home, check_mission, request_telemetry, wait_until_ready
 from uavcover.flight.schedule import tell_short_battery
 from uavcover.flight.session import Session, Stopped, TakenOverError
-from uavcover.flight.tuning import PREPARATION
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
-from uavcover.model.track import TrackSample
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Clearance:
-    """Permission to start or fly home, asked repeatedly while the vehicle waits, holds or flies."""
-
-    may_start: Callable[[], bool] = lambda: True  # whether it may arm and take off now
-    # whether it may fly these checked legs home now; raises InfeasibleError when it never may, and the vehicle is left
-    # holding then
-    may_go_home: Callable[[Mission], bool] = lambda _: True
-    # why it must end its mission now and fly home along checked legs, as text, None while it may fly on; without such a
-    # function its own battery and endurance decide
-    must_go_home: Callable[[], str | None] | None = None
-
-
-ALONE = Clearance()
-"""No other vehicle is near."""
-
-
-__all__ = ["Ending", "FlightOutcome", "Orders", "fly"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Orders:
-    """The user's orders for a flight, and the receiver of its events."""
-
-    on_sample: Callable[[TrackSample], None]  # called with every sample as it is recorded, also when the flight fails
-    on_event: Callable[[FlightEvent], None] = lambda _: None  # called with every event
-    # called before the vehicle is armed, or commanded in the air; an exception that it raises ends the flight there
-    on_begin: Callable[[], None] = lambda: None
-    # how often the user has asked to stop (Ctrl-C): once to fly home along checked legs, twice to hold
-    stop: Callable[[], int] = lambda: 0
-    # whether the user wants the vehicle to hold its place; it continues when this turns false
-    pause: Callable[[], bool] = lambda: False
-    confirmed: bool = False  # whether the user confirmed that a vehicle that may be real may be flown
-    timeouts: FlightTimeouts | None = None  # how long to wait for what; None takes the defaults
-    precautions: Precautions = USUAL  # what to do before the flight, and when something goes wrong
-    clearance: Clearance = ALONE  # when it may start, and fly home, beside other vehicles
-    # from the link's clock to UTC, for the times of arrival in the track; NaN where there is no such clock
-    utc_offset_s: float = math.nan
+from uavcover.flight.tuning import PREPARATION, RECORDS
+from uavcover.model.active_times import is_flight_time
+from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightFaultError, FlightOutcome
+from uavcover.model.track import VELOCITY_COLUMNS, TrackSample
+from uavcover.terrain.frames import LocalFrame
 
 
 def fly(
@@ -94,6 +43,84 @@ def fly(
     """
     flight = FlightRun(client, monitor, orders)
     return flight.ended(lambda: _from_the_ground(flight, plan, plan_return))
+
+
+class Recorder:
+    """Makes a sample of each position, with the latest attitude and mission item.
+
+    Positions that come late or twice are left out: the track's time always goes on. Where no attitude of that moment is known it
+    stays unknown; the heading that the position itself tells is taken then.
+    """
+
+    def __init__(
+        self,
+        monitor: Monitor,  # what the vehicle says
+        frame: LocalFrame,  # the scenario's local frame
+        *,
+        waypoint_of: Callable[[int], int],  # number of the planned waypoint that a mission item is, -1 for the others
+        on_sample: Callable[[TrackSample], None],  # takes the samples
+        utc_offset_s: float = math.nan,  # from the link's clock to UTC; NaN: when a position arrived is not recorded
+    ) -> None:
+        self._monitor, self._frame, self._on_sample = monitor, frame, on_sample
+        self._utc_offset_s = utc_offset_s
+        self.waypoint_of = waypoint_of
+        self.count = 0
+        self.first_s = self.last_s = -math.inf
+        self._reports_velocity = False
+
+    def start(self) -> None:
+        """Record from the next position on."""
+        self._monitor.on_position = self._record
+
+    def _record(self, position: m.GlobalPositionInt) -> None:
+        if position.time_boot_s <= self.last_s:
+            return
+        self.last_s = position.time_boot_s
+        if self.count == 0:
+            self.first_s = position.time_boot_s
+        self.count += 1
+        attitude = self._monitor.latest(m.Attitude)
+        age_s = math.nan if attitude is None else position.time_boot_s - attitude.time_boot_s
+        roll = pitch = yaw = math.nan
+        if attitude is not None and abs(age_s) <= RECORDS.max_attitude_age_s:
+            roll, pitch, yaw = attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad
+        if math.isnan(yaw) and position.heading_deg is not None:
+            yaw = math.radians(position.heading_deg)
+        lat, lon, alt = position.lat_deg, position.lon_deg, position.alt_amsl_m
+        east, north, up = self._frame.enu_from_geodetic(lat, lon, alt)[0].tolist()
+        self._on_sample(
+            TrackSample(
+                time_s=position.time_boot_s,
+                lat_deg=lat,
+                lon_deg=lon,
+                alt_amsl_m=alt,
+                east_m=east,
+                north_m=north,
+                up_m=up,
+                roll_deg=math.degrees(roll),
+                pitch_deg=math.degrees(pitch),
+                yaw_deg=math.degrees(yaw) % 360.0,
+                current_waypoint=self.waypoint_of(self._monitor.current_seq),
+                attitude_age_s=age_s,
+                pictures_taken=math.nan if (taken := self._monitor.photos_taken) is None else float(taken),
+                unix_time_s=self._unix_time_s(position.time_boot_s),
+                received_utc_s=self._utc_offset_s + (self._monitor.position_at_s or 0.0),
+                **self._velocity(position),
+            )
+        )
+
+    def _velocity(self, position: m.GlobalPositionInt) -> dict[str, float]:
+        """The velocity columns; none before the first value that is not 0: zeros mean that none is reported."""
+        velocity = {name: float(getattr(position, name)) for name in VELOCITY_COLUMNS}
+        self._reports_velocity |= any(velocity.values())
+        return velocity if self._reports_velocity else {}
+
+    def _unix_time_s(self, time_boot_s: float) -> float:
+        """UTC at a vehicle time, from the vehicle's clock; NaN before its receiver knows."""
+        clock = self._monitor.latest(m.SystemTime)
+        if clock is None or not is_flight_time(clock.time_unix_s):
+            return math.nan
+        return clock.time_unix_s + (time_boot_s - clock.time_boot_s)
 
 
 class FlightRun:

@@ -1,139 +1,28 @@
-"""Follows a vehicle along its mission until it has landed and disarmed."""
+"""Follow a vehicle along its mission, or home along checked legs after the user's stop, until it has landed and disarmed.
+
+After a stop it holds first; a second stop leaves it holding.
+"""
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
-from mission_io.model.items import Command
+from mission_io.autopilots.flight_modes import Mode
+from mission_io.errors import MissionIoError
+from mission_io.model.items import Command, Frame, Mission
 from mission_io.wire import messages as m
-from uavcover.flight.arming import hold_mode
-from uavcover.flight.flight_plan import FlightPlan
+from uavcover.errors import UavcoverError
+from uavcover.flight.arming import first_seq, fly_from_item, hold_mode, is_flying, set_mode
 from uavcover.flight.follower import Follower
 from uavcover.flight.mission_guard import MissionGuard, VolumeWatch
-from uavcover.flight.modes import Mode
-from uavcover.flight.precautions import OnBreach, reaction
+from uavcover.flight.orders import FlightPlan, OnBreach, reaction
+from uavcover.flight.position_watch import FallWatch
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.schedule import FlightSchedule, PhotoWatch
 from uavcover.flight.session import Session, Stopped, Timer
-from uavcover.flight.tuning import FALL, FOLLOWING
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
-
-# Detect by motion alone that an armed vehicle falls, has hit something, or lies on the ground.
-#
-# A motor that fails, a propeller that is lost or a hillside ends a flight while the autopilot still reports that it flies.
-
-_HIT_M_S2, _HIT_FROM_M_S, _STOPPED_M_S = 20.0, 4.0, 1.5
-"""No multirotor brakes so hard: autopilots limit their acceleration to a few metres per second squared."""
-_LANDINGS = (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH)
-
-
-class FallWatch:
-    """Looks at height, motion and attitude all the time while a vehicle is armed.
-
-    Args:
-        session: with the vehicle.
-        plan: what it flies; None on its return.
-    """
-
-    def __init__(self, session: Session, plan: FlightPlan | None) -> None:
-        self._session, self._plan = session, plan
-        descent_m_s = (None if plan is None else plan.max_descent_m_s) or 3.0
-        self._fall_m_s = max(FALL.least_fall_m_s, FALL.fall_ratio * descent_m_s)
-        self._seen: m.GlobalPositionInt | None = None
-        self._fast = 0
-        self._leans_since_s: float | None = None
-        self._from_m = self._fastest_m_s = 0.0
-        self._hit_m_s: float | None = None
-        self._still_since_s: float | None = None
-        self._aloft = False
-
-    def look(self) -> None:
-        """Look once. Raises FlightFaultError: the vehicle has crashed."""
-        here = self._session.monitor.latest(m.GlobalPositionInt)
-        if here is None or here is self._seen:
-            return
-        before, self._seen = self._seen, here
-        height_m = self._session.monitor.ground.height_m
-        self._aloft = self._aloft or height_m > FALL.aloft_m
-        if before is not None and here.time_boot_s > before.time_boot_s:
-            self._look_for_hit(before, here)
-        self._look_for_fall(here, height_m)
-        self._look_whether_it_lies(here, height_m)
-
-    def _look_for_fall(self, here: m.GlobalPositionInt, height_m: float) -> None:
-        watch, lean_deg = self._session.watch, self._lean_deg()
-        self._fast = self._fast + 1 if here.velocity_down_m_s > self._fall_m_s else 0
-        if lean_deg <= FALL.lean_deg:
-            self._leans_since_s = None
-        elif self._leans_since_s is None:
-            self._leans_since_s = here.time_boot_s
-        tumbles = self._leans_since_s is not None and here.time_boot_s - self._leans_since_s >= FALL.tumbles_s
-        falls = self._aloft and (self._fast > 1 or tumbles)
-        if falls and not watch.is_open(Ending.FALLING):
-            self._from_m, self._fastest_m_s = height_m, 0.0
-        if falls:
-            self._fastest_m_s = max(self._fastest_m_s, here.velocity_down_m_s)
-        watch.measure(
-            Ending.FALLING, max(1.0, here.velocity_down_m_s) if falls else None,
-            f"the vehicle is falling: it descends at {here.velocity_down_m_s:.0f} m/s, {height_m:.0f} m above the "
-            f"ground, and is tilted by {lean_deg:.0f} degrees",
-            "the vehicle has stopped falling",
-        )  # fmt: skip
-
-    def _look_for_hit(self, before: m.GlobalPositionInt, here: m.GlobalPositionInt) -> None:
-        change_m_s = math.dist(_velocity(before), _velocity(here))
-        was_m_s, is_m_s = math.hypot(*_velocity(before)), math.hypot(*_velocity(here))
-        hard = change_m_s / (here.time_boot_s - before.time_boot_s) > _HIT_M_S2
-        if hard and was_m_s > _HIT_FROM_M_S and is_m_s < _STOPPED_M_S and self._aloft:
-            self._hit_m_s = was_m_s
-        elif is_m_s > _STOPPED_M_S:
-            self._hit_m_s = None
-
-    def _look_whether_it_lies(self, here: m.GlobalPositionInt, height_m: float) -> None:
-        still = math.hypot(*_velocity(here)) < FALL.still_m_s
-        if not still or not self._aloft:
-            self._still_since_s = None
-            return
-        if self._still_since_s is None:
-            self._still_since_s = here.time_boot_s
-        still_s = here.time_boot_s - self._still_since_s
-        if self._session.watch.is_open(Ending.FALLING) and height_m < FALL.near_m and still_s >= 1.0:
-            self._crashed(f"fell from {self._from_m:.0f} m at {self._fastest_m_s:.0f} m/s and is now")
-        if self._hit_m_s is not None and height_m < FALL.near_m and still_s >= FALL.hit_still_s:
-            self._crashed(f"stopped abruptly at {self._hit_m_s:.0f} m/s and is now")
-        if height_m < FALL.lies_m and still_s >= FALL.lies_s and not self._may_stand():
-            self._crashed("should be in the air but is")
-
-    def _may_stand(self) -> bool:
-        """Whether the vehicle may be on the ground: it lands, reports a landing, or its mode is unknown."""
-        monitor, plan = self._session.monitor, self._plan
-        if plan is None or monitor.ground.says_landed or not self._session.on_mission:
-            return True
-        index = plan.index_of(monitor.current_seq, self._session.autopilot)
-        items = plan.mission.items
-        return not 0 <= index < len(items) or items[index].command in _LANDINGS or index == 0
-
-    def _crashed(self, how: str) -> None:
-        session, here = self._session, self._seen
-        place = "" if here is None else f" at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
-        text = (
-            f"the vehicle {how} on the ground{place}; it is armed and its motors may start, so keep "
-            f"away{session.recent_warnings}"
-        )
-        session.watch.open(Ending.CRASHED, text)
-        raise FlightFaultError(Ending.CRASHED, text)
-
-    def _lean_deg(self) -> float:
-        attitude = self._session.monitor.latest(m.Attitude)
-        if attitude is None:
-            return 0.0
-        tilt = math.cos(attitude.roll_rad) * math.cos(attitude.pitch_rad)
-        return math.degrees(math.acos(max(-1.0, min(1.0, tilt))))
-
-
-def _velocity(position: m.GlobalPositionInt) -> tuple[float, float, float]:
-    return position.velocity_north_m_s, position.velocity_east_m_s, position.velocity_down_m_s
-
 
 _CHANGES = (Ending.MISSION_CHANGED, Ending.HOME_MOVED, Ending.SETTINGS_CHANGED, Ending.FENCE_CHANGED)
 _LASTING = (
@@ -346,3 +235,161 @@ def longest_wait_s(plan: FlightPlan) -> float:
     """Longest time that an item of the mission lets the vehicle stay in one position."""
     waiting = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
     return max((i.params[0] for i in plan.mission.items if i.command in waiting and i.params[0] > 0.0), default=0.0)
+
+
+_ASKED = "the user stopped the flight a second time"
+
+PlanReturn = Callable[[float, float, float], Mission]
+"""Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
+
+
+def hold(session: Session, text: str = "stop: commanding the vehicle to hold") -> None:
+    """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
+
+    Raises:
+        TakenOverError: something else has it, or its state stays unknown.
+        FlightFaultError: it is gone, or does not come to rest.
+        mission_io.errors.CommandRefusedError: it refuses to hold.
+    """
+    session.tell(EventKind.STOP, text)
+    ours = (Mode.MISSION, Mode.HOLD, hold_mode(session))
+    session.steer(lambda: set_mode(session, hold_mode(session)), while_in=ours)
+
+    def at_rest() -> bool:
+        session.require_obedience(ours)
+        return _speed_m_s(session) <= FOLLOWING.at_rest_m_s
+
+    session.wait(
+        at_rest,
+        timeout_s=session.timeouts.halt_s,
+        what=lambda: f"the vehicle is in {session.mode_name} and does not stop",
+    )
+    session.tell(EventKind.STOP, "the vehicle holds its position")
+
+
+class _LeftHoldingError(Exception):
+    """The vehicle is to be left holding, and why."""
+
+
+def return_home(
+    session: Session,
+    plan_return: PlanReturn,
+    *,
+    stops: int = 1,
+    preconditions: Preconditions | None = None,
+    clear: Callable[[Mission], bool] = lambda _: True,
+) -> bool:
+    """Hold, fly home along checked legs, land; one more stop of the user than ``stops`` leaves the vehicle holding.
+
+    Beside other vehicles it holds until ``clear`` says that the return is free. Heights above a home that was moved in flight
+    are sent so that the planned ones are flown. What was checked before arming is watched on; a change that makes the return
+    unsafe has it planned and sent again, as ``data/breach_policy.toml`` says, a few times.
+
+    Returns:
+        Whether the vehicle landed; False when it was left holding, which was reported.
+
+    Raises:
+        TakenOverError: something else has the vehicle, or its state stays unknown.
+        FlightFaultError: the vehicle is gone, or does something else.
+    """
+    for _ in range(FOLLOWING.most_ways_home):
+        try:
+            sent = _send(session, _hold_and_plan(session, plan_return, stops, clear), stops, preconditions)
+        except _LeftHoldingError as left:
+            return _leave(session, str(left))
+        plan = None if preconditions is None else preconditions.go_home(sent)
+        session.monitor.forget(m.MissionCurrent)
+        fly_from_item(session, first_seq(session))
+        session.tell(EventKind.STOP, "returning along checked legs")
+        try:
+            follow_home(session, stops_before=stops, plan=plan, preconditions=preconditions)
+        except Stopped as stop:
+            if not is_flying(session):
+                return True
+            if stop.cause is None:
+                hold(session)
+                return _leave(session, _ASKED)
+            why = session.watch.text_of(stop.cause)
+            session.tell(EventKind.STOP, f"planning the return again: {why}")
+        else:
+            return True
+    hold(session)
+    return _leave(session, f"the return was interrupted {FOLLOWING.most_ways_home} times, most recently because {why}")
+
+
+def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear: Callable[[Mission], bool]) -> Mission:
+    """Hold, and plan the return from there."""
+    session.paused = False
+    session.watch.rest()
+    try:
+        hold(session)
+    except FlightFaultError as error:
+        if error.ending is not Ending.FAILED:
+            raise
+        session.tell(EventKind.WARNING, f"{error}; returning anyway", alarm=True)  # as in a strong wind
+    if session.stop() > stops:
+        raise _LeftHoldingError(_ASKED)
+    here = session.monitor.latest(m.GlobalPositionInt)
+    if here is None:
+        raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not report its position; it continues to hold")
+    try:
+        mission = plan_return(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+        is_clear = clear(mission)
+    except (UavcoverError, MissionIoError) as error:
+        raise _LeftHoldingError(f"no checked return starts at the current position: {error}") from error
+    if not is_clear:
+        session.tell(EventKind.STOP, "the vehicle holds until its return is clear of other vehicles")
+    while not is_clear:
+        if session.stop() > stops:
+            raise _LeftHoldingError(_ASKED)
+        session.pump()
+        session.require_obedience([hold_mode(session)])
+        try:
+            is_clear = clear(mission)
+        except UavcoverError as error:
+            raise _LeftHoldingError(f"no return keeps the separation from the other vehicles: {error}") from error
+    return mission
+
+
+def _send(session: Session, mission: Mission, stops: int, preconditions: Preconditions | None) -> Mission:
+    """Upload the return, with heights that make up for a moved home."""
+    moved_m = 0.0 if preconditions is None else preconditions.home_moved_up_m()
+    if moved_m:
+        session.tell(
+            EventKind.STOP, f"home was moved by {moved_m:+.1f} m: the return is uploaded with corrected heights"
+        )
+        mission = _above_moved_home(mission, moved_m)
+    session.tell(EventKind.STOP, "uploading the return")
+    try:
+        checked = session.steer(
+            lambda: session.client.upload_and_verify(mission, in_flight=True), while_in=[hold_mode(session)]
+        )
+    except MissionIoError as error:
+        raise _LeftHoldingError(f"cannot upload the return: {error}") from error
+    if not checked.passed:
+        raise _LeftHoldingError("the mission read back from the vehicle differs from the return")
+    if session.stop() > stops:
+        raise _LeftHoldingError(_ASKED)
+    return mission
+
+
+def _above_moved_home(mission: Mission, up_m: float) -> Mission:
+    """The same positions, for a vehicle whose home is higher by ``up_m`` than planned."""
+    above_home = Frame.ABOVE_HOME
+    items = [replace(i, alt_m=i.alt_m - up_m) if i.frame is above_home and i.has_position else i for i in mission.items]
+    return replace(mission, items=tuple(items))
+
+
+def _leave(session: Session, why: str) -> bool:
+    session.tell(
+        EventKind.STOP,
+        f"{why}: the vehicle holds in {session.mode_name}, armed and in the air; take manual control now",
+    )
+    return False
+
+
+def _speed_m_s(session: Session) -> float:
+    position = session.monitor.latest(m.GlobalPositionInt)
+    if position is None:
+        return math.inf
+    return math.hypot(position.velocity_north_m_s, position.velocity_east_m_s, position.velocity_down_m_s)

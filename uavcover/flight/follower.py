@@ -6,13 +6,13 @@ Nothing is commanded before current evidence shows that the vehicle does what wa
 import math
 from collections.abc import Callable, Collection
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.wire import messages as m
 from uavcover.flight.arming import continue_mission, hold_mode, send_disarm, set_mode
-from uavcover.flight.home_watch import HoldState, HoldWatch
 from uavcover.flight.mission_guard import ModeOverride
-from uavcover.flight.modes import Mode
-from uavcover.flight.precautions import OnBreach, Phase, policy, reaction
+from uavcover.flight.orders import OnBreach, Phase, policy, reaction
+from uavcover.flight.position_watch import HoldState, HoldWatch
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
 from uavcover.flight.tuning import FOLLOWING

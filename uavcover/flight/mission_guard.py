@@ -8,12 +8,13 @@ from collections.abc import Callable, Collection, Sequence
 
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.errors import FormatError, MissionIoError, TransferCancelledError
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted
 from mission_io.wire import messages as m
-from uavcover.flight.flight_plan import FlightPlan, OperatingVolume
-from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.client import custom_mode
+from uavcover.flight.orders import FlightPlan, OperatingVolume
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Timer
 from uavcover.flight.tuning import GUARD

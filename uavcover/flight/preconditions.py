@@ -12,15 +12,14 @@ import shapely
 from mission_io.client.peers import two_in_one
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError
 from mission_io.model.areas import fence_from_items
-from mission_io.model.enums import AutopilotId, LandedState
+from mission_io.model.enums import LandedState
 from mission_io.model.items import Mission, MissionItem, MissionType
 from mission_io.wire import messages as m
-from uavcover.flight.applied_limits import numbers
-from uavcover.flight.flight_plan import FlightPlan
-from uavcover.flight.home_watch import HomeWatch, rest_of_legs
-from uavcover.flight.limit_table import limit_table
+from uavcover.flight.limits import limit_table, numbers
 from uavcover.flight.mission_guard import ListReading
+from uavcover.flight.orders import FlightPlan
 from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
+from uavcover.flight.position_watch import HomeWatch, rest_of_legs
 from uavcover.flight.session import Session, Timer
 from uavcover.flight.tuning import PREPARATION
 from uavcover.kernels.arrays import FloatArray
@@ -49,7 +48,7 @@ class Preconditions:
         returns_changed: ReturnsChanged = lambda _: None,  # judges the autopilot's own return anew
     ) -> None:
         self._session, self._plan = session, plan
-        self._px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+        self._px4 = session.is_px4
         for kind in (m.HomePosition, m.GpsGlobalOrigin):
             with contextlib.suppress(CommandRefusedError):  # both autopilots send them by themselves when they change
                 session.client.request_message_interval(kind, PREPARATION.place_each_s)

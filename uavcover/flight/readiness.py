@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import CommandRefusedError
-from mission_io.model.enums import AutopilotId, CommandResult, GpsFix
+from mission_io.model.enums import CommandResult, GpsFix
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
-from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.orders import FlightPlan
 from uavcover.flight.session import Session, Stopped, Timer
 from uavcover.flight.tuning import PREPARATION
 from uavcover.flight.watch import has_position
@@ -72,14 +72,12 @@ def check_telemetry(session: Session) -> None:
 
 
 def _streams(session: Session) -> dict[type[m.Message], _Stream]:
-    ardupilot = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
-    return {**_STREAMS, **(_OF_ARDUPILOT if ardupilot else {})}
+    return {**_STREAMS, **(_OF_ARDUPILOT if session.is_ardupilot else {})}
 
 
 def _request(session: Session, streams: Mapping[type[m.Message], _Stream]) -> None:
-    px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
     for kind, stream in streams.items():
-        if px4 and kind in _UNASKED_OF_PX4:
+        if session.is_px4 and kind in _UNASKED_OF_PX4:
             continue
         try:
             session.client.request_message_interval(kind, stream.interval_s)
@@ -138,7 +136,7 @@ class _Reasons:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._timer = Timer(session, PREPARATION.ask_why_s)
-        self._knows = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
+        self._knows = session.is_ardupilot
 
     def ask(self) -> None:
         """Ask, if it is time to."""
@@ -158,7 +156,7 @@ def missing(session: Session) -> list[str]:
     gps = monitor.latest(m.GpsRawInt)
     if gps is None or gps.fix_type < GpsFix.FIX_3D:
         lacks.append("satellite fix")
-    if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
+    if session.is_ardupilot:
         ekf = monitor.latest(m.EkfStatusReport)
         if ekf is None or not has_position(ekf):
             lacks.append("position estimate")

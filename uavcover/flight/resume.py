@@ -1,16 +1,32 @@
-"""Going on with a flight that ended before its plan: what is left of it."""
+"""Go on with a flight that ended before its plan: what is left of it, and how a vehicle in the air takes it up."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from uavcover.flight.tuning import RESUME
-from uavcover.kernels.arrays import FloatArray
+from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.comparison import compare_items, fault_text
+from mission_io.autopilots.flight_modes import Mode
+from mission_io.model.items import MissionType
+from mission_io.wire import messages as m
+from uavcover.errors import UavcoverError
+from uavcover.flight.arming import fly_from_item, hold_mode, wire_seq
+from uavcover.flight.client import VehicleClient, custom_mode
+from uavcover.flight.connect import Connected, checked_return, flight_plan
+from uavcover.flight.fly import FlightRun
+from uavcover.flight.follow import PlanReturn, follow_mission, hold
+from uavcover.flight.monitor import Monitor
+from uavcover.flight.orders import FlightPlan, Orders
+from uavcover.flight.progress import ResumePoint, along_leg_m, find_resume_point, remaining_route
+from uavcover.flight.readiness import check_home_position, check_telemetry, request_telemetry
+from uavcover.flight.session import Session, Stopped, TakenOverError
+from uavcover.missions.leg_checks import find_problems
+from uavcover.missions.mission_compiler import AUTOPILOTS, compile_continuation
 from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.objectives import judge_member
+from uavcover.model.outcome import Ending, EventKind, FlightFaultError, FlightOutcome
 from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
 from uavcover.planner.plan_files import save_plan
@@ -21,153 +37,6 @@ from uavcover.run.provenance import note_in_run, read_record
 from uavcover.run.track_file import read_track
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import judging_map
-
-# Which planned waypoints a track passed, where it left its route, and what remains to be flown.
-#
-# All of it is judged from the track alone.
-
-
-class Passage:
-    """Counts the planned waypoints that were passed, from the vehicle's reports and its position.
-
-    A waypoint counts when the vehicle goes on from it to the very next one, or comes near it while it says that it flies to it
-    or to a later one; the last one also when the vehicle is near it as it goes on to something else. A jump over waypoints, as
-    when another ground station sets the current item, passes none of them.
-
-    Args:
-        waypoints_m: (n, 3) ENU, the planned waypoints.
-        radius_m: how near is near.
-
-    Attributes:
-        reached: number of waypoints passed, counted from the first.
-        number: the waypoint that was flown to at the last update; -1 for none.
-    """
-
-    def __init__(self, waypoints_m: FloatArray, *, radius_m: float) -> None:
-        self._waypoints_m, self._near_m = waypoints_m, RESUME.near_radii * radius_m
-        self._before_m: FloatArray | None = None
-        self.reached, self.number = 0, -1
-
-    @property
-    def complete(self) -> bool:
-        """Whether all were passed."""
-        return self.reached >= len(self._waypoints_m)
-
-    def take(self, number: int, place_m: FloatArray) -> None:
-        """Look at one moment.
-
-        Args:
-            number: of the planned waypoint that is flown to; -1 for none.
-            place_m: (3,) ENU, where the vehicle is.
-        """
-        before, self.number = self.number, number
-        if before == self.reached and number == self.reached + 1:
-            self.reached += 1
-        last = len(self._waypoints_m) - 1
-        heading = last if number < 0 and before == last else number
-        while self.reached <= min(heading, last) and self._near(place_m):
-            self.reached += 1
-        self._before_m = np.array(place_m, dtype=float)
-
-    def believe(self, count: int) -> None:
-        """Count the first ``count`` waypoints as passed, as after a silence."""
-        self.reached = max(self.reached, min(count, len(self._waypoints_m)))
-
-    def _near(self, place_m: FloatArray) -> bool:
-        """Whether the straight line since the last look comes near the next waypoint."""
-        start_m = place_m if self._before_m is None else self._before_m
-        way_m, waypoint_m = place_m - start_m, self._waypoints_m[self.reached]
-        length2 = float(way_m @ way_m)
-        share = 0.0 if length2 == 0.0 else min(1.0, max(0.0, float((waypoint_m - start_m) @ way_m) / length2))
-        return float(np.linalg.norm(start_m + share * way_m - waypoint_m)) <= self._near_m
-
-
-@dataclass(frozen=True, slots=True)
-class ResumePoint:
-    """The end of what was flown of a planned route."""
-
-    waypoint: int  # number of the first planned waypoint that was not passed; the number of waypoints when all were
-    flown_m: float  # distance flown along the leg to it before the vehicle left it; 0 when that leg was not begun
-
-
-def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float) -> ResumePoint:
-    """Where a track left its route.
-
-    The vehicle's own count is believed where it begins, where it goes on one by one, and over a time that was not recorded; a
-    jump passes nothing (see :class:`~uavcover.flight.resume.Passage`).
-
-    Args:
-        track: what was flown; its waypoint numbers are those of the route.
-        waypoints_m: (n, 3) ENU, the planned route.
-        radius_m: the vehicle's acceptance radius.
-    """
-    passage = Passage(waypoints_m, radius_m=radius_m)
-    numbers, begun, begun_at = track.current_waypoint.tolist(), False, 0
-    gaps = np.diff(track.time_s, prepend=track.time_s[:1]) > RESUME.unseen_s
-    for row, (number, place_m) in enumerate(zip(numbers, track.enu_m, strict=True)):
-        before = passage.reached
-        if gaps[row] or (number >= 0 and not begun):
-            passage.believe(number)
-            begun = True
-        passage.take(number, place_m)
-        if passage.reached != before:
-            begun_at = row
-    flown_m = 0.0
-    if 0 < passage.reached < len(waypoints_m):
-        rows = slice(begun_at, None)
-        leg = waypoints_m[passage.reached - 1 : passage.reached + 1]
-        on_leg = (track.current_waypoint[rows] == passage.reached) & ~gaps[rows]
-        flown_m = _along_m(track.enu_m[rows], on_leg, leg, corridor_m=RESUME.corridor_radii * radius_m)
-    return ResumePoint(passage.reached, flown_m)
-
-
-def remaining_route(
-    waypoints_m: FloatArray, broken: ResumePoint, *, radius_m: float, sees_along_legs: bool
-) -> FloatArray:
-    """(k, 3) ENU: what is left of a planned route.
-
-    A sensor that looks along the path has to fly the rest of the leg that was left, too: the route begins on that leg, a
-    little before the place where it was left, because a vehicle cuts its first corner. The leg was checked at its full length
-    and so was every part of it.
-
-    Args:
-        waypoints_m: (n, 3) ENU, the planned route.
-        broken: where it was left.
-        radius_m: the vehicle's acceptance radius.
-        sees_along_legs: whether the sensor looks between the waypoints, too.
-    """
-    left = waypoints_m[broken.waypoint :]
-    if not sees_along_legs or broken.waypoint == 0 or len(left) == 0:
-        return left.copy()
-    begin, end = waypoints_m[broken.waypoint - 1], waypoints_m[broken.waypoint]
-    length_m = float(np.linalg.norm(end - begin))
-    again_m = max(0.0, broken.flown_m - RESUME.overlap_radii * radius_m - RESUME.overlap_m)
-    entry = begin if length_m == 0.0 else begin + min(1.0, again_m / length_m) * (end - begin)
-    return np.vstack([entry, left])
-
-
-def along_leg_m(place_m: FloatArray, leg_m: FloatArray) -> tuple[float, float]:
-    """Distance of a (3,) position along a (2, 3) leg, and aside of it, in metres."""
-    along = leg_m[1] - leg_m[0]
-    length_m = float(np.linalg.norm(along))
-    if length_m == 0.0:
-        return 0.0, float(np.linalg.norm(place_m - leg_m[0]))
-    flown_m = min(length_m, max(0.0, float((place_m - leg_m[0]) @ along) / length_m))
-    return flown_m, float(np.linalg.norm(place_m - leg_m[0] - flown_m / length_m * along))
-
-
-def _along_m(places_m: FloatArray, on_leg: NDArray[np.bool_], leg_m: FloatArray, *, corridor_m: float) -> float:
-    """Length of the leg that the positions follow without leaving it, from the first one on it."""
-    flown_m, begun = 0.0, False
-    for place_m, on in zip(places_m, on_leg.tolist(), strict=True):
-        along_m, aside_m = along_leg_m(place_m, leg_m)
-        if not on or aside_m > corridor_m:
-            if begun:
-                break
-            continue
-        begun = True
-        flown_m = max(flown_m, along_m)
-    return flown_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,3 +132,197 @@ def scenario_of_fleet(sortie: RunFolder) -> str | None:
     record = read_record(sortie)
     asked = None if record.inputs is None else record.inputs.get("scenario")
     return asked if asked != record.files.get("scenario.toml") else None
+
+
+@dataclass(frozen=True, slots=True)
+class Continuation:
+    """Continuation of a vehicle in the air."""
+
+    plan: FlightPlan  # what it flies from here
+    upload: bool  # whether the mission must be uploaded; otherwise the vehicle holds it already
+    first_item: int  # index in ``plan.mission.items`` of the first item to fly to
+
+
+PlanContinuation = Callable[[float, float, float], Continuation]
+"""Plans a checked continuation from latitude, longitude (degrees) and height above sea level (metres)."""
+
+
+def take_over(
+    client: VehicleClient,  # talks to the vehicle
+    monitor: Monitor,  # receives everything that the client receives
+    plan_continuation: PlanContinuation,  # plans the checked way on from where the vehicle holds
+    orders: Orders,  # what the user wants, and who receives the events
+    *,
+    plan_return: PlanReturn,  # plans the checked return after a stop
+) -> FlightOutcome:
+    """Take control of a vehicle in the air and fly the rest of a plan.
+
+    The vehicle is commanded to hold first. A vehicle that is neither in its mission nor holding is left alone: a pilot or a
+    failsafe controls it.
+
+    Raises:
+        FlightFailedError: as for ``fly``.
+    """
+    flight = FlightRun(client, monitor, orders)
+    return flight.ended(lambda: _from_the_air(flight, plan_continuation, plan_return))
+
+
+def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_return: PlanReturn) -> FlightOutcome:
+    session = flight.session
+    flight.find(_refuse_taken)
+    try:
+        request_telemetry(session)
+        check_telemetry(session)
+        flight.orders.on_begin()
+        hold(session, "commanding the vehicle to hold")
+        flight.touched = True
+        here = session.monitor.latest(m.GlobalPositionInt)
+        if here is None:
+            raise FlightFaultError(
+                Ending.POSITION_LOST, "the vehicle does not report its position; it continues to hold"
+            )
+        try:
+            onward = plan_continuation(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+        except UavcoverError as error:
+            raise FlightFaultError(
+                Ending.FAILED,
+                f"no checked route starts at the current position: {error}; the vehicle continues to hold",
+            ) from error
+        plan = onward.plan
+        check_home_position(session, plan)
+        flight.limits.look(plan)
+        flight.watch_preconditions(plan)
+        if onward.upload:
+            session.tell(EventKind.STAGE, "uploading the remaining mission")
+            client = session.client
+            sent = session.steer(
+                lambda: client.upload_and_verify(plan.mission, in_flight=True), while_in=[hold_mode(session)]
+            )
+            if not sent.passed:
+                raise FlightFaultError(
+                    Ending.FAILED,
+                    "the mission read back from the vehicle differs from the remaining mission; the "
+                    "vehicle continues to hold",
+                )
+        if session.stop():
+            raise Stopped
+        session.monitor.forget(m.MissionCurrent)
+        progress = flight.record(plan)
+        try:
+            fly_from_item(session, wire_seq(session, onward.first_item))
+        except TakenOverError as error:
+            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it to the ground
+        session.watch.take_off()
+        session.tell(EventKind.STAGE, "continuing the mission")
+        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
+    except Stopped as stop:
+        return flight.home(plan_return, stop.cause)
+    return flight.outcome(Ending.LANDED)
+
+
+def _refuse_taken(session: Session) -> None:
+    """Refuse a vehicle that is neither in its mission nor holding."""
+    allowed = {custom_mode(session.autopilot, mode) for mode in (Mode.MISSION, Mode.HOLD, hold_mode(session))}
+    if session.client.vehicle.custom_mode not in allowed:
+        raise FlightFaultError(
+            Ending.NOT_ARMED,
+            f"vehicle {session.client.vehicle.system_id} is in the air in {session.mode_name}: a pilot or a failsafe "
+            "controls it, so no command was sent; land it or switch it to hold, then use --resume",
+        )
+
+
+def fly_on(vehicle: Connected, site: Site, unfinished: Unfinished, orders: Orders) -> FlightOutcome:
+    """Take over a vehicle in the air, and fly what is left of a plan.
+
+    A vehicle that still holds the mission and is where it left its route goes on with the item it was flying to. Any other is
+    sent a mission that leads from where it is, along checked legs, to where the route was left.
+
+    Raises:
+        FlightFailedError: as ``fly``; also when there is no checked way on from where the vehicle is, which then holds there.
+    """
+
+    def plan_continuation(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Continuation:
+        held = _held_onward(vehicle, site, unfinished, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
+        if held is not None:
+            return held
+        return _sent_onward(
+            vehicle, site, unfinished.route, lat_deg, lon_deg, alt_amsl_m, up_since_s=float(unfinished.track.time_s[0])
+        )
+
+    return take_over(vehicle.client, vehicle.monitor, plan_continuation, orders, plan_return=checked_return(site))
+
+
+def fly_from_the_air(
+    vehicle: Connected, site: Site, route: Route, orders: Orders, *, up_since_s: float | None
+) -> FlightOutcome:
+    """Take over a vehicle in the air, and fly a whole route and home along checked legs.
+
+    Args:
+        vehicle: connected, in the air.
+        site: the scenario on its ground.
+        route: the planned route, such as the one that closes the gaps of the flight that the vehicle is still on.
+        orders: the user's orders, and the receiver of messages.
+        up_since_s: vehicle time at which it took off, which its endurance has to bear; none: since it was switched on.
+
+    Raises:
+        FlightFailedError: as ``fly``; also when there is no checked way to the route, and the vehicle then holds where it is.
+    """
+
+    def plan_continuation(lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Continuation:
+        return _sent_onward(vehicle, site, route, lat_deg, lon_deg, alt_amsl_m, up_since_s=up_since_s or 0.0)
+
+    return take_over(vehicle.client, vehicle.monitor, plan_continuation, orders, plan_return=checked_return(site))
+
+
+def _sent_onward(
+    vehicle: Connected,
+    site: Site,
+    route: Route,
+    lat_deg: float,
+    lon_deg: float,
+    alt_amsl_m: float,
+    *,
+    up_since_s: float,
+) -> Continuation:
+    """A mission from where the vehicle is, to be sent to it."""
+    flown_s = (vehicle.monitor.time_s or 0.0) - up_since_s
+    compiled = compile_continuation(
+        site, route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
+        flown_s=max(0.0, flown_s), autopilot=vehicle.autopilot,
+    )  # fmt: skip
+    return Continuation(flight_plan(site, compiled), upload=True, first_item=0)
+
+
+def _held_onward(
+    vehicle: Connected, site: Site, unfinished: Unfinished, *, lat_deg: float, lon_deg: float, alt_amsl_m: float
+) -> Continuation | None:
+    """The continuation of the mission on the vehicle; none for another mission, or away from the route."""
+    number, planned_m = unfinished.broken.waypoint, unfinished.planned.route.waypoints_m
+    if site.frame is None or number == 0:
+        return None
+    here_m = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    flown_m, aside_m = along_leg_m(here_m, planned_m[number - 1 : number + 1])
+    near_m = site.scenario.vehicle.acceptance_radius_m
+    limits = site.scenario.limits
+    way = np.ascontiguousarray([here_m, planned_m[number]])
+    if (
+        aside_m > near_m
+        or flown_m > unfinished.broken.flown_m + near_m
+        or find_problems(site, way, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m)
+    ):
+        return None
+    compiled = compile_plan(site, unfinished.planned.route, autopilot=vehicle.autopilot)
+    autopilot = AUTOPILOTS[vehicle.autopilot]
+    held = vehicle.client.download(MissionType.MISSION)
+    if fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot)) is not None:
+        return None
+    # The numbers of the track are those of the route that is left: a route that begins on the leg has one more.
+    passed = len(unfinished.route) - (len(planned_m) - number)
+    each = compiled.items_per_waypoint
+    plan = replace(
+        flight_plan(site, compiled),
+        first_waypoint_item=compiled.first_waypoint_item + each * (number - passed),
+        waypoint_count=len(unfinished.route),
+        passed_before=passed,
+    )
+    return Continuation(plan, upload=False, first_item=compiled.first_waypoint_item + each * number)

@@ -9,7 +9,7 @@ import numpy as np
 from mission_io.model.items import Command
 from mission_io.wire.messages import SysStatus
 from uavcover.errors import UavcoverError
-from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.orders import FlightPlan
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import RESERVE, SCHEDULE

@@ -5,16 +5,15 @@ from collections.abc import Callable, Collection, Sequence
 from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.flight_modes import Mode, mode_from_custom
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
-from mission_io.model.enums import MissionState, Severity
+from mission_io.model.enums import AutopilotId, MissionState, Severity
 from mission_io.wire import messages as m
-from uavcover.flight.client import VehicleClient
+from uavcover.flight.client import VehicleClient, custom_mode
 from uavcover.flight.evidence import Evidence
-from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.modes import Mode, custom_mode, mode_from_custom
 from uavcover.flight.monitor import Monitor
+from uavcover.flight.orders import FlightTimeouts, OnBreach
 from uavcover.flight.parameter_rules import Limit
-from uavcover.flight.precautions import OnBreach
 from uavcover.flight.tuning import FOLLOWING
 from uavcover.flight.watch import Watch
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
@@ -78,6 +77,16 @@ class Session:
     def autopilot(self) -> Autopilot:
         """The vehicle's autopilot."""
         return self.client.vehicle.autopilot
+
+    @property
+    def is_ardupilot(self) -> bool:
+        """Whether the vehicle runs ArduPilot."""
+        return self.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
+
+    @property
+    def is_px4(self) -> bool:
+        """Whether the vehicle runs PX4."""
+        return self.client.vehicle.mav_autopilot == AutopilotId.PX4
 
     @property
     def recent_warnings(self) -> str:

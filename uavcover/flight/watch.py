@@ -10,10 +10,10 @@ from enum import Enum
 
 from mission_io.model.enums import AutopilotId, EkfFlag, GpsFix
 from mission_io.wire import messages as m
-from uavcover.flight.causes import Cause, Causes
 from uavcover.flight.client import VehicleClient
-from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.evidence import Cause, Causes
 from uavcover.flight.monitor import Monitor
+from uavcover.flight.orders import FlightTimeouts
 from uavcover.flight.tuning import WATCH
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError, Incident
 

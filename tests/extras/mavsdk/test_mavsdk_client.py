@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.client.client import Client
 from mission_io.errors import (
     CommandRefusedError,
@@ -28,14 +29,13 @@ from mission_io.wire.messages import AutopilotVersion
 from tests.flight.scene import HOME, mission, plan_for, way_home
 from tests.mission_io.protocol.scripts import items
 from uavcover.extras.mavsdk.session import raw_items
-from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.fly import Ending, Orders, fly
-from uavcover.flight.modes import Mode
+from uavcover.flight.fly import fly
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import BackgroundMock
 from uavcover.mock.vehicle import MockConfig, MockVehicle
+from uavcover.model.outcome import Ending
 
 client_module = pytest.importorskip("uavcover.extras.mavsdk.client", reason="MAVSDK is not installed")
 pytestmark = pytest.mark.timeout(120)

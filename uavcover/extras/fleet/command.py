@@ -15,8 +15,7 @@ from uavcover.extras.fleet.flight import FleetFlight, FleetOrders, Opening
 from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, refuse_older_flight
-from uavcover.flight.connect import VehicleLink, connect
-from uavcover.flight.own_links import VehiclePlace, require_different
+from uavcover.flight.connect import VehicleLink, VehiclePlace, connect, require_different
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.close_gaps import GapRequest, close_gaps
 from uavcover.recording.writer import record_fleet

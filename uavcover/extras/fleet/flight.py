@@ -33,7 +33,7 @@ from uavcover.extras.fleet.tuning import FLEET
 from uavcover.extras.fleet.work import FleetWork
 from uavcover.flight.command import FlightOptions, record_flight
 from uavcover.flight.connect import Connected, VehicleLink, fly
-from uavcover.flight.fly import Clearance
+from uavcover.flight.orders import Clearance
 from uavcover.flight.upload import UPLOAD_FILE, upload, upload_document
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan

@@ -1,34 +1,214 @@
-"""Reports the table of limits before arming, sets the parameters that the plan needs, and restores them afterwards.
+"""Limits of a flight: the plan's assumptions against the vehicle's parameters, which may be set and put back.
 
-Parameters are set only if the user wants that. They are read and written as plain numbers in their own units; PX4 transmits the
-bits of its integers as if they were floats.
+Settings that would interrupt the flight, drain the battery or spoil what is seen prevent arming. Others are warnings: the mission
+itself does not need them. Which parameter is which stands in data, see :mod:`uavcover.flight.parameter_rules`. Parameters are
+set only if the user wants that. They are read and written as plain numbers in their own units; PX4 transmits the bits of its
+integers as if they were floats.
 """
 
+import math
 from collections.abc import Collection, Iterable, Mapping
 
+import numpy as np
+
 from mission_io.errors import MissionIoError, VehicleSilentError
-from mission_io.model.enums import AutopilotId
+from mission_io.model.items import Command, Frame
 from mission_io.model.plain_text import counted
 from mission_io.protocol.parameter_values import float_of_value, is_whole, value_of_float
 from mission_io.wire import messages as m
 from mission_io.wire.messages import ParamRequestRead, ParamValue
-from uavcover.flight.flight_plan import FlightPlan
-from uavcover.flight.limit_table import Limit, Weight, limit_table, parameter_groups
-from uavcover.flight.precautions import Precautions
+from uavcover.flight.orders import FlightPlan, Precautions
+from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import PREPARATION
+from uavcover.kernels.flight_time import Pace, mission_time
 from uavcover.missions.failsafe_parameters import failsafe_parameter_groups
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
-from uavcover.model.vehicle import AutopilotName
+from uavcover.model.vehicle import MOTIONS
+
+_POINTS_GIMBAL = (Command.DO_MOUNT_CONTROL, Command.DO_GIMBAL_MANAGER_PITCHYAW)
+_TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
+
+
+def parameter_groups(*, px4: bool) -> list[list[str]]:
+    """The names to ask for; of each group the vehicle has one, or none."""
+    return [[name for name, _ in row.names] for row in parameter_table(px4=px4).rows]
+
+
+def limit_table(
+    values: Mapping[str, float],
+    plan: FlightPlan,
+    *,
+    px4: bool,
+    home_alt_amsl_m: float | None,
+    own_system: int = 255,  # a ground station
+) -> tuple[Limit, ...]:
+    """Compare the plan with the vehicle's parameters.
+
+    Args:
+        values: the vehicle's parameters that are known, in their own units.
+        plan: what is to be flown.
+        px4: whether the vehicle is one; else ArduPilot.
+        home_alt_amsl_m: the vehicle's home; None where it is not known.
+        own_system: our own system id.
+    """
+    facts = plan_facts(plan, px4=px4) | {"own_system": float(own_system)}
+    time = _flight_time(values, plan, px4=px4)
+    if time is not None:
+        facts["flight_time"] = time.vehicle
+    rows = [row for row in parameter_table(px4=px4).judge(values, facts) if plan.needs or row.weight is not Weight.NONE]
+    rows += [] if time is None else [time]
+    rows += [] if home_alt_amsl_m is None else [_home(plan, home_alt_amsl_m)]
+    return tuple(rows)
+
+
+def plan_facts(plan: FlightPlan, *, px4: bool) -> dict[str, float]:
+    """Assumptions of the plan, for the rules: see ``parameter_rules.FACTS``."""
+    needs, items = plan.needs, plan.mission.items
+    commands = {item.command for item in items}
+    distance_m = max((i.params[0] for i in items if i.command == Command.DO_SET_CAM_TRIGG_DIST), default=0.0)
+    facts = {
+        "acceptance": plan.acceptance_radius_m,
+        "climb": plan.max_climb_m_s,
+        "descent": plan.max_descent_m_s,
+        "gimbal": float(any(command in commands for command in _POINTS_GIMBAL)),
+        "heading": float(
+            px4 and any(0.0 < abs(i.params[3]) < math.inf for i in items if i.command == Command.NAV_WAYPOINT)
+        ),
+        "pictures": float(distance_m > 0.0 or any(command in commands for command in _TAKES_PHOTO)),
+        "pictures_by_distance": float(distance_m > 0.0),
+        "terrain_frames": float(any(item.frame is Frame.ABOVE_TERRAIN for item in items)),
+        "gimbal_pitch": next((item.params[0] for item in items if item.command in _POINTS_GIMBAL), None),
+        "yaw_rate": MOTIONS["px4" if px4 else "ardupilot"].yaw_rate_deg_s,
+        "band_low": None if plan.volume is None else plan.volume.min_height_agl_m,
+        "takeoff": next((item.alt_m for item in items if item.command == Command.NAV_TAKEOFF), None),
+        **_extent(plan),
+    }
+    if needs is not None:
+        finite = math.isfinite(needs.pace.acceleration_m_s2)
+        facts |= {
+            "camera_turns": float(needs.camera_turns),
+            "cruise": needs.pace.cruise_m_s,
+            "fence": float(needs.fence),
+            "return_height": needs.return_height_m,
+            "turn_time": float(finite),
+        }
+        facts |= {"acceleration": needs.pace.acceleration_m_s2, "jerk": needs.pace.jerk_m_s3} if finite else {}
+        facts |= {"picture_interval": distance_m / needs.pace.cruise_m_s} if distance_m > 0.0 else {}
+    return {name: value for name, value in facts.items() if value is not None}
+
+
+def _extent(plan: FlightPlan) -> dict[str, float]:
+    """Heights above home and distances from it."""
+    path_m, home_m = (
+        _path_m(plan),
+        plan.frame.enu_from_geodetic(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)[0],
+    )
+    away_m = np.hypot(path_m[:, 0] - home_m[0], path_m[:, 1] - home_m[1])
+    found = {"highest": float(path_m[:, 2].max() - home_m[2]), "farthest": float(away_m.max())}
+    waypoints_m = plan.waypoints_m()
+    places_m = np.vstack([plan.place_m(i) for i in plan.mission.items if i.command == Command.NAV_WAYPOINT] or [home_m])
+    if plan.is_way_home:
+        waypoints_m = places_m
+    if len(waypoints_m):
+        to_first_m = np.linalg.norm(waypoints_m - places_m[0], axis=1)
+        found |= {
+            "first": float(np.hypot(*(places_m[0] - home_m)[:2])),
+            "lowest": float(places_m[:, 2].min() - home_m[2]),
+            "restart_line": float(to_first_m.max()),
+        }
+    return found
+
+
+def _path_m(plan: FlightPlan) -> np.ndarray:
+    """(n, 3) ENU: from home on the ground by the take-off's top to where the mission lands."""
+    legs = list(plan.legs_m().values())
+    places = [leg[1] for leg in legs]
+    home_m = plan.frame.enu_from_geodetic(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)[0]
+    return np.vstack([home_m, *(leg[0] for leg in legs[:1] if len(legs) > 2), *places])
+
+
+def _flight_time(values: Mapping[str, float], plan: FlightPlan, *, px4: bool) -> Limit | None:
+    """The time of the mission by the vehicle's own speeds, and with its acceleration, against the endurance."""
+    needs = plan.needs
+    if needs is None:
+        return None
+    own = {
+        row.key: values[name] / per_unit
+        for row in parameter_table(px4=px4).rows
+        for name, per_unit in reversed(row.names)
+        if name in values
+    }
+    pace = needs.pace._replace(
+        climb_m_s=own.get("climb", needs.pace.climb_m_s), descent_m_s=own.get("descent", needs.pace.descent_m_s)
+    )
+    if min(pace.climb_m_s, pace.descent_m_s) <= 0.0:
+        return None
+    path_m = _path_m(plan)
+
+    def time_s(pace: Pace) -> float:
+        return float(mission_time(pace, path_m)) if len(path_m) > 3 else 0.0
+
+    by_speeds_s = time_s(pace)
+    with_turns_s = time_s(
+        pace._replace(
+            acceleration_m_s2=own.get("acceleration", 0.0) or pace.acceleration_m_s2,
+            jerk_m_s3=own.get("jerk", 0.0) or pace.jerk_m_s3,
+        )
+    )
+    end_s, planned_s = needs.longest_flight_s, time_s(needs.pace)
+    if end_s is None:
+        weight, matters = Weight.NONE, "with the vehicle's own speeds and acceleration"
+        if with_turns_s > PREPARATION.late_ratio * planned_s:
+            weight, matters = (
+                Weight.WARNING,
+                f"the flight takes longer than planned {matters}: {_slower(own, needs.pace)}",
+            )
+        return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
+    longer = f"the flight takes longer than the {end_s:g} s that endurance and reserve allow"
+    weight, matters = Weight.NONE, f"with the vehicle's own speeds and acceleration; at most {end_s:g} s"
+    if by_speeds_s > end_s:
+        weight, matters = Weight.REFUSED, f"with the vehicle's own speeds, {longer}"
+    elif with_turns_s > end_s:
+        weight, matters = Weight.WARNING, f"with the vehicle's acceleration, {longer}"
+    return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
+
+
+def _slower(own: Mapping[str, float], pace: Pace) -> str:
+    """Which of a vehicle's own values are below the planned ones."""
+    planned = {
+        "climb": (pace.climb_m_s, "m/s"), "descent": (pace.descent_m_s, "m/s"),
+        "acceleration": (pace.acceleration_m_s2, "m/s2"), "jerk": (pace.jerk_m_s3, "m/s3"),
+    }  # fmt: skip
+    below = [
+        f"{name} {own[name]:g} of {value:g} {unit}"
+        for name, (value, unit) in planned.items()
+        if 0.0 < own.get(name, 0.0) < value and math.isfinite(value)
+    ]
+    return ", ".join(below) or "its turns"
+
+
+def _home(plan: FlightPlan, alt_amsl_m: float) -> Limit:
+    """Heights in the mission are above home: an error in the altitude of home moves the whole route."""
+    planned_m, around = plan.home.alt_amsl_m, plan.volume
+    off_m = alt_amsl_m - planned_m
+    weight, matters = Weight.NONE, "heights in the mission are relative to it"
+    if abs(off_m) > PREPARATION.home_slack_m:
+        side = "higher" if off_m > 0.0 else "lower"
+        weight, matters = Weight.WARNING, f"the vehicle flies the whole route {abs(off_m):.1f} m {side} than planned"
+        if around is not None:
+            low_m, high_m = around.min_height_agl_m, around.max_height_agl_m
+            matters += f": a band of {low_m:g} to {high_m:g} m becomes {low_m + off_m:.1f} to {high_m + off_m:.1f} m"
+    return Limit("home altitude above sea level", round(planned_m, 2), round(alt_amsl_m, 2), "m", "", weight, matters)
 
 
 def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
     """Ask for parameters; of each group of names for the same thing one answer is enough.
 
     A vehicle is silent about a parameter that it does not have, so a missing answer may also be lost: the parameter is
-    requested again, and
-    more often where a second question has found something. A few are asked for at once, since ArduPilot keeps 20 questions.
+    requested again, and more often where a second question has found something. A few are asked for at once, since ArduPilot
+    keeps 20 questions.
     """
     found = dict[str, ParamValue]()
     wanted = [tuple(names) for names in groups]
@@ -40,9 +220,8 @@ def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict
             break
         for first in range(0, len(left), PREPARATION.limits_at_once):
             quiet_s = _ask(session, left[first : first + PREPARATION.limits_at_once], found, quiet_s)
-    asked = {
-        name for names in wanted for name in names
-    }  # ArduPilot also broadcasts parameters that it counts by itself
+    # ArduPilot also broadcasts parameters that it counts by itself.
+    asked = {name for names in wanted for name in names}
     return {name: value for name, value in found.items() if name in asked}
 
 
@@ -69,6 +248,11 @@ def numbers(values: Mapping[str, ParamValue], *, px4: bool) -> dict[str, float]:
     return {name: float(value_of_float(value.value, value.param_type, bytewise=px4)) for name, value in values.items()}
 
 
+def _read_numbers(session: Session, groups: Iterable[Collection[str]]) -> dict[str, float]:
+    """The same parameters in their own units."""
+    return numbers(read_parameters(session, groups), px4=session.is_px4)
+
+
 def set_parameter(session: Session, name: str, number: float) -> None:
     """Set a parameter of any type to a number in its own unit, and verify the value.
 
@@ -81,12 +265,8 @@ def set_parameter(session: Session, name: str, number: float) -> None:
     if known is None:
         raise VehicleSilentError(f"the vehicle did not report the parameter {name}")
     value = round(number) if is_whole(known.param_type) else number
-    wire = float_of_value(value, known.param_type, bytewise=_is_px4(session), name=name)
+    wire = float_of_value(value, known.param_type, bytewise=session.is_px4, name=name)
     client.set_parameter(name, wire, param_type=known.param_type, timeout_s=PREPARATION.limit_answer_s)
-
-
-def _is_px4(session: Session) -> bool:
-    return session.client.vehicle.mav_autopilot == AutopilotId.PX4
 
 
 class AppliedLimits:
@@ -170,9 +350,8 @@ class AppliedLimits:
             session.tell(EventKind.STAGE, "restored the vehicle's previous parameters")
 
     def _read(self, plan: FlightPlan) -> None:
-        session = self._session
-        px4 = _is_px4(session)
-        self.values = numbers(read_parameters(session, parameter_groups(px4=px4)), px4=px4)
+        session, px4 = self._session, self._session.is_px4
+        self.values = _read_numbers(session, parameter_groups(px4=px4))
         home = session.monitor.latest(m.HomePosition)
         self.rows = tuple(
             row
@@ -187,8 +366,7 @@ class AppliedLimits:
 
     def _apply(self, changes: Mapping[str, Limit]) -> None:
         session = self._session
-        px4 = _is_px4(session)
-        old = numbers(read_parameters(session, [[name] for name in changes]), px4=px4)
+        old = _read_numbers(session, [[name] for name in changes])
         wanted = {name: row.wanted for name, row in changes.items() if row.wanted is not None and name in old}
         text = ", ".join(f"{name} {old[name]:g} -> {number:g}" for name, number in wanted.items())
         if not self._precautions.agree(f"parameters to set for this flight and restore afterwards: {text}"):
@@ -239,6 +417,4 @@ def return_warnings(advice: ReturnAdvice) -> list[str]:
 
 def read_return_parameters(session: Session) -> Mapping[str, float]:
     """The vehicle's values of the parameters that its returns depend on, in their own units."""
-    px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
-    name: AutopilotName = "px4" if px4 else "ardupilot"
-    return numbers(read_parameters(session, failsafe_parameter_groups(name)), px4=px4)
+    return _read_numbers(session, failsafe_parameter_groups("px4" if session.is_px4 else "ardupilot"))

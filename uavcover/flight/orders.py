@@ -1,18 +1,23 @@
-"""Plan data for a flight, and its timeouts."""
+"""Orders for a flight: the data of its plan, timeouts, the user's precautions, and the receivers of what happens."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from functools import cache
 
 import numpy as np
 
 from mission_io.autopilots.autopilot import Autopilot
+from mission_io.data_tables import read_document
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from uavcover.errors import InputError
 from uavcover.flight.ground_contact import GroundAt
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace
 from uavcover.missions.return_advice import OwnReturns
+from uavcover.model.outcome import Ending, FlightEvent
+from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import Vehicle
 from uavcover.terrain.frames import LocalFrame
 
@@ -165,3 +170,120 @@ class FlightTimeouts:
                 raise InputError(f"{name}: must be greater than 0, not {getattr(self, name):g}")
         if self.link_lost_s < self.deadman_s:
             raise InputError(f"link_lost_s: must be at least deadman_s ({self.deadman_s:g}), not {self.link_lost_s:g}")
+
+
+class OnBreach(Enum):
+    """Reaction when the vehicle leaves its route, fence, height band or known ground, or has another mission."""
+
+    TELL = "tell"
+    HOLD = "hold"
+    RETURN = "return"
+    LAND = "land"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Precautions:
+    """The user's precautions."""
+
+    # what to do on a breach; None leaves it to the policy (``data/breach_policy.toml``)
+    on_breach: OnBreach | None = None
+    # whether to set the parameters that the plan needs, and to put the old values back at the end
+    apply_limits: bool = False
+    agree: Callable[[str], bool] = lambda _: False  # asked with the list of changes before any is made
+    # receives the old values while they are changed, to have them on disk; an empty mapping when all are back
+    keep: Callable[[Mapping[str, float]], None] = lambda _: None
+    # old values that an earlier flight could not put back
+    left_changed: Mapping[str, float] = field(default_factory=dict)
+    photos_required: bool = False  # whether a camera that reports no photo at all is an alarm too
+
+
+USUAL = Precautions()
+"""The default precautions."""
+
+
+# Reaction to a breach: one table of breach, phase and kind of vehicle (``data/breach_policy.toml``).
+
+
+class Phase(Enum):
+    """The part of a flight in which a breach is judged."""
+
+    OUTBOUND = "outbound"
+    ROUTE = "route"
+    INBOUND = "inbound"
+    HOLD = "hold"
+    RETURN = "return"
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyCell:
+    """One cell of the table."""
+
+    simulated: OnBreach  # what is done with a vehicle that is proved to be simulated
+    real: OnBreach  # what is done with any other
+    choice: bool  # whether the user's ``--on-breach`` replaces it
+    reason: str  # why, for the documentation
+
+
+@cache
+def policy() -> Mapping[tuple[Ending, Phase], PolicyCell]:
+    """The table: a rule for each breach and phase with a reaction, or with a report only."""
+    rules: dict[tuple[Ending, Phase], PolicyCell] = {}
+    for row in read_document("uavcover/data/breach_policy.toml")["row"]:
+        rule = PolicyCell(OnBreach(row["simulated"]), OnBreach(row["real"]), row["choice"], row["reason"])
+        for phase in row["phase"]:
+            rules[Ending[row["breach"].upper()], Phase(phase)] = rule
+    return rules
+
+
+def reaction(breach: Ending, phase: Phase, *, simulated: bool, chosen: OnBreach | None) -> OnBreach:
+    """The reaction to a breach.
+
+    Args:
+        breach: what went wrong.
+        phase: where in the flight.
+        simulated: whether the vehicle is proved to be simulated.
+        chosen: the user's ``--on-breach``; None where there is none.
+    """
+    rule = policy().get((breach, phase))
+    if rule is None:
+        return OnBreach.TELL
+    if rule.choice and chosen is not None:
+        return chosen
+    return rule.simulated if simulated else rule.real
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clearance:
+    """Permission to start or fly home, asked repeatedly while the vehicle waits, holds or flies."""
+
+    may_start: Callable[[], bool] = lambda: True  # whether it may arm and take off now
+    # whether it may fly these checked legs home now; raises InfeasibleError when it never may, and the vehicle is left
+    # holding then
+    may_go_home: Callable[[Mission], bool] = lambda _: True
+    # why it must end its mission now and fly home along checked legs, as text, None while it may fly on; without such a
+    # function its own battery and endurance decide
+    must_go_home: Callable[[], str | None] | None = None
+
+
+ALONE = Clearance()
+"""No other vehicle is near."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Orders:
+    """The user's orders for a flight, and the receiver of its events."""
+
+    on_sample: Callable[[TrackSample], None]  # called with every sample as it is recorded, also when the flight fails
+    on_event: Callable[[FlightEvent], None] = lambda _: None  # called with every event
+    # called before the vehicle is armed, or commanded in the air; an exception that it raises ends the flight there
+    on_begin: Callable[[], None] = lambda: None
+    # how often the user has asked to stop (Ctrl-C): once to fly home along checked legs, twice to hold
+    stop: Callable[[], int] = lambda: 0
+    # whether the user wants the vehicle to hold its place; it continues when this turns false
+    pause: Callable[[], bool] = lambda: False
+    confirmed: bool = False  # whether the user confirmed that a vehicle that may be real may be flown
+    timeouts: FlightTimeouts | None = None  # how long to wait for what; None takes the defaults
+    precautions: Precautions = USUAL  # what to do before the flight, and when something goes wrong
+    clearance: Clearance = ALONE  # when it may start, and fly home, beside other vehicles
+    # from the link's clock to UTC, for the times of arrival in the track; NaN where there is no such clock
+    utc_offset_s: float = math.nan
