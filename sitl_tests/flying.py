@@ -12,10 +12,10 @@ from mission_io.wire import messages as m
 from sitl_tests.case import Case, Station
 from sitl_tests.errors import require
 from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
-from uavcover.flight.arming import arm_and_start, first_seq
+from uavcover.flight.arming import arm_and_start, request_telemetry, wait_until_ready
 from uavcover.flight.fly import fly
 from uavcover.flight.orders import FlightPlan, FlightTimeouts, OnBreach, Orders, Precautions
-from uavcover.flight.readiness import request_telemetry, wait_until_ready
+from uavcover.flight.session import first_seq
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.model.outcome import FlightEvent, FlightFailedError, FlightOutcome
 from uavcover.model.track import TrackSample

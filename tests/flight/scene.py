@@ -14,8 +14,9 @@ from mission_io.model.items import Frame, GeoPoint, Mission, change_speed, land,
 from uavcover.flight.fly import fly
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.orders import FlightPlan, OnBreach, Orders, Precautions
-from uavcover.mock.body import Ground, OnTruth
+from uavcover.mock.body import Ground
 from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.telemetry import OnTruth
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import EventKind, FlightEvent, FlightOutcome
 from uavcover.model.track import TrackSample

@@ -205,9 +205,7 @@ def test_a_vehicle_that_is_not_ready_says_what_it_lacks():
 def test_refused_arming_has_its_result_and_the_vehicles_reason(autopilot, monkeypatch):
     scene = ready_scene(autopilot)
     monkeypatch.setattr(type(scene.vehicle), "ready", False)
-    monkeypatch.setattr(
-        "uavcover.flight.readiness.missing", lambda session: session.monitor.time_s is None and ["time"]
-    )
+    monkeypatch.setattr("uavcover.flight.arming.missing", lambda session: session.monitor.time_s is None and ["time"])
     name = {
         "ArduPilot": r"FAILED; the vehicle reports: .*PreArm: Need Position",
         "PX4": r"TEMPORARILY_REJECTED; the vehicle reports: .*Preflight",

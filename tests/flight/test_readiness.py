@@ -12,8 +12,8 @@ from mission_io.model.items import GeoPoint
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, Scene, geodetic, make_scene, mission, plan_for
 from uavcover.errors import VehicleError
+from uavcover.flight.arming import check_home, check_home_position, check_telemetry, missing
 from uavcover.flight.orders import FlightTimeouts
-from uavcover.flight.readiness import check_home, check_home_position, check_telemetry, missing
 from uavcover.mock import reactions
 from uavcover.mock.behaviour import quick
 from uavcover.mock.state import MockState

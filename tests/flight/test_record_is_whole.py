@@ -9,9 +9,9 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.wire import messages as m
 from tests.flight.scene import Scene, make_scene, mission
 from uavcover.flight.orders import FlightTimeouts
-from uavcover.mock.body import TruthSample
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.state import Streams
+from uavcover.mock.telemetry import TruthSample
 from uavcover.model.outcome import Ending, FlightFailedError
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -12,9 +12,9 @@ from uavcover.errors import VehicleError
 from uavcover.flight.client import simulated_by
 from uavcover.mock import reactions
 from uavcover.mock import vehicle as mock_vehicle
+from uavcover.mock.behaviour import FLIGHT
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.state import MockState
-from uavcover.mock.tuning import FLIGHT
 from uavcover.model.outcome import Ending, EventKind
 
 

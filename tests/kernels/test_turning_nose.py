@@ -9,7 +9,7 @@ from tests.naive.flown_line import px4_begins, turning
 from uavcover.kernels import turning_nose
 from uavcover.kernels.flight_time import BRAKED, Pace
 from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
-from uavcover.mock.tuning import GUIDANCE
+from uavcover.mock.behaviour import GUIDANCE
 
 PACE = Pace(
     10.0, 4.0, 3.0, acceleration_m_s2=3.0, vertical_acceleration_m_s2=3.0, jerk_m_s3=4.0, corner=BRAKED,

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from uavcover.mock.behaviour import Speeds
 from uavcover.mock.dynamics import Airframe, PointMass, WindField, WindModel
-from uavcover.mock.guidance import Speeds, Stop, along_speed, passing_speeds, velocity_along, velocity_to
+from uavcover.mock.guidance import Stop, along_speed, passing_speeds, velocity_along, velocity_to
 from uavcover.mock.itinerary import Itinerary, Step, StepKind
 
 STEP_S = 0.02

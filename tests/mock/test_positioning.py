@@ -10,8 +10,9 @@ from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.wire import messages as m
 from tests.mock.bench import Bench, go
 from uavcover.errors import InputError
-from uavcover.mock.body import GpsError, Positioning, TruthFile, TruthSample
+from uavcover.mock.body import GpsError, Positioning
 from uavcover.mock.dynamics import Airframe, PointMass
+from uavcover.mock.telemetry import TruthFile, TruthSample
 
 STEP_S = 0.02
 

@@ -10,8 +10,8 @@ from mission_io.autopilots.flight_modes import Mode
 from mission_io.wire import messages as m
 from sitl_tests.compared_returns import compare
 from sitl_tests.returns import HOME, FailsafeCase, fly_on_mock, make_case, make_way_case
+from uavcover.mock.body import Trail
 from uavcover.mock.itinerary import Step, StepKind
-from uavcover.mock.smart_return import Trail
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import AutopilotName
 

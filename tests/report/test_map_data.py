@@ -14,9 +14,8 @@ from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.report import map_data as drawing
 from uavcover.report.cell_layers import UNSEEN_RGB, cell_layers, cells_bounds_m
-from uavcover.report.content import ReportContent
+from uavcover.report.content import FIGURES, ReportContent
 from uavcover.report.map_data import map_data
-from uavcover.report.tuning import FIGURES
 
 
 def pixels(uri: str) -> np.ndarray:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from uavcover.mock.guidance import Leg, Speeds, legs_of
-from uavcover.mock.tuning import BODY, GUIDANCE
+from uavcover.mock.behaviour import BODY, GUIDANCE, Speeds
+from uavcover.mock.guidance import Leg, legs_of
 from uavcover.model.vehicle import AutopilotMotion
 
 

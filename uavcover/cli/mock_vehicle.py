@@ -148,9 +148,9 @@ def mock_vehicle(
     import numpy as np
 
     from uavcover.missions.mission_compiler import AUTOPILOTS
-    from uavcover.mock.body import TruthFile
     from uavcover.mock.faults import parse_fault
     from uavcover.mock.server import run
+    from uavcover.mock.telemetry import TruthFile
     from uavcover.mock.vehicle import MockVehicle
 
     console = output.console()

@@ -1,16 +1,254 @@
-"""Arms, starts and disarms the vehicle, in the order that each autopilot requires. Every (dis)arm command comes from here."""
+"""Make a vehicle ready, arm, start and disarm it, in the order that each autopilot requires; every (dis)arm command is here.
 
-from collections.abc import Callable
+Ready: telemetry rates, the vehicle's own checks, its home, and the mission that it holds.
+"""
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.autopilots.flight_modes import Mode
-from mission_io.errors import CommandRefusedError, VehicleSilentError
-from mission_io.model.enums import CommandResult
-from mission_io.model.items import Command
-from mission_io.wire.messages import MissionCurrent, MissionSetCurrent
-from uavcover.flight.client import custom_mode
-from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
+from mission_io.errors import CommandRefusedError
+from mission_io.model.enums import CommandResult, GpsFix
+from mission_io.model.items import Command, GeoPoint, MissionType
+from mission_io.wire import messages as m
+from mission_io.wire.messages import MissionCurrent
+from uavcover.errors import VehicleError
+from uavcover.flight.orders import FlightPlan
+from uavcover.flight.session import (
+    Session,
+    Stopped,
+    TakenOverError,
+    Timer,
+    first_seq,
+    hold_mode,
+    set_current_item,
+    set_mode,
+)
 from uavcover.flight.tuning import PREPARATION
+from uavcover.flight.watch import has_position
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.terrain.frames import LocalFrame
+
+
+@dataclass(frozen=True, slots=True)
+class _Stream:
+    """A kind of message that following needs."""
+
+    interval_s: float  # the requested interval
+    least_hz: float  # how often it has to come, by the vehicle's time
+
+
+_STREAMS: dict[type[m.Message], _Stream] = {
+    m.GlobalPositionInt: _Stream(0.1, 5.0),
+    m.Attitude: _Stream(0.1, 2.0),
+    m.MissionCurrent: _Stream(0.2, 0.4),
+    m.ExtendedSysState: _Stream(0.5, 0.4),
+    m.SysStatus: _Stream(1.0, 0.2),
+    m.GpsRawInt: _Stream(1.0, 0.2),
+}
+_OF_ARDUPILOT: dict[type[m.Message], _Stream] = {m.EkfStatusReport: _Stream(1.0, 0.2)}
+_UNASKED_OF_PX4 = frozenset({m.MissionCurrent})
+"""PX4 sends these by itself, and answers FAILED when it is asked."""
+_PREARM_CHECKS = 401
+
+
+def request_telemetry(session: Session) -> None:
+    """Request the telemetry that following needs. A refusal is only a warning: the rates are checked later."""
+    _request(session, _streams(session))
+
+
+def check_telemetry(session: Session) -> None:
+    """Measure the telemetry rates that following needs, and request again what arrives too rarely.
+
+    Raises:
+        FlightFaultError: a kind of message does not arrive, or too rarely; the error names it.
+    """
+    wanted = _streams(session)
+    rare = _rare(session, wanted)
+    for _ in range(PREPARATION.telemetry_tries - 1):
+        if not rare:
+            return
+        again = {kind: wanted[kind] for kind in rare}
+        _request(session, again)
+        rare = _rare(session, again)
+    if not rare:
+        return
+    measured = " and ".join(f"{kind.__name__} {rate_hz:.1f} times a second" for kind, rate_hz in rare.items())
+    needed = " and ".join(f"{wanted[kind].least_hz:g}" for kind in rare)
+    raise FlightFaultError(
+        Ending.NOT_READY,
+        f"after {PREPARATION.telemetry_tries} requests, the vehicle sends {measured} of vehicle time, but following "
+        f"the flight requires {needed}; the flight was not started: raise the autopilot's rate, or use a faster link",
+    )
+
+
+def _streams(session: Session) -> dict[type[m.Message], _Stream]:
+    return {**_STREAMS, **(_OF_ARDUPILOT if session.is_ardupilot else {})}
+
+
+def _request(session: Session, streams: Mapping[type[m.Message], _Stream]) -> None:
+    for kind, stream in streams.items():
+        if session.is_px4 and kind in _UNASKED_OF_PX4:
+            continue
+        try:
+            session.client.request_message_interval(kind, stream.interval_s)
+        except CommandRefusedError as error:
+            text = f"{kind.__name__} every {stream.interval_s:g} s: the vehicle answered {error.result_name}"
+            session.tell(EventKind.WARNING, text)
+
+
+def _rare(session: Session, streams: Mapping[type[m.Message], _Stream]) -> dict[type[m.Message], float]:
+    """The kinds of messages below the needed rate, with their rates; rare kinds get the time for three."""
+    monitor = session.monitor
+    before, began_s = monitor.counts.copy(), monitor.time_s
+    window_s = max(session.timeouts.rate_s, 3.0 * max(stream.interval_s for stream in streams.values()))
+    timer = Timer(session, window_s)
+    while not timer.over:
+        if session.stop():
+            raise Stopped
+        session.pump()
+    elapsed_s = window_s if began_s is None or monitor.time_s is None else monitor.time_s - began_s
+    rates_hz = {kind: (monitor.counts[kind] - before[kind]) / max(elapsed_s, window_s) for kind in streams}
+    return {kind: rate_hz for kind, rate_hz in rates_hz.items() if rate_hz < streams[kind].least_hz}
+
+
+def wait_until_ready(session: Session) -> None:
+    """Wait until the vehicle can be armed, and until what following needs comes often enough.
+
+    ArduPilot's pre-arm bit is good about 18 s before arming works, so its position filter has to agree. Why it is not ready
+    is polled, and passed on as it comes.
+
+    Raises:
+        FlightFaultError: it does not get ready; the message says what it lacks.
+    """
+    session.tell(EventKind.STAGE, "waiting until the vehicle is ready")
+    asked = _Reasons(session)
+
+    def ready() -> bool:
+        lacks = missing(session)
+        if lacks:
+            asked.ask()
+        return not lacks
+
+    session.wait(
+        ready,
+        timeout_s=session.timeouts.ready_s,
+        what=lambda: f"vehicle {session.client.vehicle.system_id} has no {' and no '.join(missing(session))}",
+        stops_before=0,
+        ending=Ending.NOT_READY,
+    )
+    check_telemetry(session)
+    session.tell(EventKind.STAGE, "the vehicle is ready")
+
+
+class _Reasons:
+    """Ask a vehicle periodically why it cannot be armed, as long as it knows the question."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._timer = Timer(session, PREPARATION.ask_why_s)
+        self._knows = session.is_ardupilot
+
+    def ask(self) -> None:
+        """Ask, if it is time to."""
+        if not self._knows or not self._timer.over:
+            return
+        self._timer.restart()
+        try:
+            self._session.client.command(_PREARM_CHECKS)
+        except CommandRefusedError as error:
+            self._knows = error.result != CommandResult.UNSUPPORTED
+
+
+def missing(session: Session) -> list[str]:
+    """Preconditions of arming that are missing; empty when the vehicle is ready."""
+    monitor = session.monitor
+    lacks: list[str] = []
+    gps = monitor.latest(m.GpsRawInt)
+    if gps is None or gps.fix_type < GpsFix.FIX_3D:
+        lacks.append("satellite fix")
+    if session.is_ardupilot:
+        ekf = monitor.latest(m.EkfStatusReport)
+        if ekf is None or not has_position(ekf):
+            lacks.append("position estimate")
+    status = monitor.latest(m.SysStatus)
+    checked = m.PREARM_CHECK_BIT
+    if status is None or (status.sensors_present & checked and not status.sensors_healthy & checked):
+        lacks.append("passed pre-arm check")
+    if monitor.latest(m.GlobalPositionInt) is None:
+        lacks.append("position messages")
+    return lacks
+
+
+def check_home(session: Session, plan: FlightPlan) -> None:
+    """Refuse a vehicle whose home, or which itself, is not where the mission was planned to start.
+
+    Heights above home would be wrong by the difference. ArduPilot sets home anew where it is armed, so both count.
+
+    Raises:
+        VehicleError: it is too far away, over ground or in height.
+    """
+    check_home_position(session, plan)
+    here = session.monitor.latest(m.GlobalPositionInt)
+    if here is not None:
+        _check_place(plan, "position", GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))
+
+
+def check_home_position(session: Session, plan: FlightPlan) -> None:
+    """Refuse a vehicle whose home is not the planned one, or not on the terrain there.
+
+    Raises:
+        VehicleError: it is too far away, over ground or in height.
+    """
+    home = session.client.request_message(m.HomePosition)
+    _check_place(plan, "home", GeoPoint(home.lat_deg, home.lon_deg, home.alt_amsl_m))
+    most_m = plan.max_home_error_m
+    if plan.ground_alt_amsl_m is not None and abs(home.alt_amsl_m - plan.ground_alt_amsl_m) > most_m:
+        raise VehicleError(
+            f"the vehicle's home is at {home.alt_amsl_m:.1f} m above sea level and the terrain there at "
+            f"{plan.ground_alt_amsl_m:.1f} m, but max_home_error_m is {most_m:g}; the flight was not started: check "
+            "the vertical datum"
+        )
+
+
+def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
+    frame = LocalFrame(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)
+    most_m = plan.max_home_error_m
+    east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
+    aside_m = math.hypot(east, north)
+    where = f"the vehicle's {name} (latitude {place.lat_deg:.7f}, longitude {place.lon_deg:.7f})"
+    if aside_m > most_m:
+        raise VehicleError(
+            f"{where} is {aside_m:.1f} m from the planned home, but max_home_error_m is {most_m:g}, so the vehicle "
+            "was not armed: move it, or plan for this home"
+        )
+    if abs(up) > most_m:
+        raise VehicleError(
+            f"{where} is at {place.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m "
+            f"{'above' if up > 0 else 'below'} the planned home, but max_home_error_m is {most_m:g}, so the vehicle "
+            "was not armed: all heights above home would be wrong by this amount"
+        )
+
+
+def check_mission(session: Session, plan: FlightPlan) -> None:
+    """Refuse a vehicle that holds another mission than the planned one.
+
+    Raises:
+        VehicleError: it holds none, or one that differs; the message names the largest difference.
+    """
+    autopilot = session.autopilot
+    wanted = wire_items(plan.mission, autopilot)
+    held = session.client.download(MissionType.MISSION)
+    wrong = fault_text(compare_items(wanted, held, autopilot))
+    if wrong is not None:
+        raise VehicleError(
+            f"the mission on the vehicle differs from the plan ({wrong}), so the vehicle was not "
+            "armed; upload the mission first"
+        )
+
 
 _LACKS_TERRAIN = "terrain data"
 """Words of ArduPilot's refusal, "PreArm: waiting for terrain data"."""
@@ -56,92 +294,6 @@ def arm_and_start(session: Session) -> None:
     )
     session.watch.take_off()
     session.tell(EventKind.STAGE, "in the air")
-
-
-def fly_from_item(session: Session, seq: int) -> None:
-    """Fly the mission that an airborne vehicle holds, from item ``seq`` on; on failure command a hold.
-
-    ArduPilot begins its mission anew each time that it enters AUTO when MIS_RESTART is 1. So the item is set again once it has
-    entered AUTO, and MISSION_CURRENT has to show it.
-
-    Raises:
-        FlightFaultError: the vehicle is gone, or flies to another item.
-        mission_io.errors.CommandRefusedError: it refuses.
-    """
-    _steer(session, lambda: set_current_item(session, seq))
-    continue_mission(session, seq)
-
-
-def continue_mission(session: Session, seq: int | None = None) -> None:
-    """Fly on with item ``seq``, which is the current one; errors as ``fly_from_item``."""
-    wanted = session.monitor.current_seq if seq is None else seq
-    if wanted < 0:  # nothing is known of its item
-        _steer(session, lambda: set_mode(session, Mode.MISSION))
-        return
-    if session.is_ardupilot:
-        _steer(session, lambda: session.client.command(Command.MISSION_START))  # enters AUTO, and answers at once
-        _steer(session, lambda: set_current_item(session, wanted))
-    _steer(session, lambda: set_mode(session, Mode.MISSION))
-    item = _reported_item(session)
-    for _ in range(PREPARATION.arming_tries):
-        if wanted <= item <= wanted + PREPARATION.reached_items:
-            return
-        _steer(session, lambda: set_current_item(session, wanted))
-        item = _reported_item(session)
-    _steer(session, lambda: set_mode(session, hold_mode(session)))
-    flies = f"flies to item {item}" if item >= 0 else "does not report its current item"
-    raise FlightFaultError(
-        Ending.FAILED,
-        f"the vehicle {flies} instead of flying to item {wanted}; it was commanded to hold; set MIS_RESTART to 0 so "
-        "that missions resume at the current item",
-    )
-
-
-def _steer(session: Session, act: Callable[[], object]) -> None:
-    """Command a vehicle that holds or flies its mission by our command; errors as ``Session.steer``."""
-    session.steer(act, while_in=[hold_mode(session), Mode.HOLD, Mode.MISSION])
-
-
-def _reported_item(session: Session) -> int:
-    """The next reported item that the vehicle flies to; -1 without a report."""
-    session.monitor.forget(MissionCurrent)
-    silent = Timer(session, PREPARATION.arming_answer_s)
-    while session.monitor.current_seq < 0 and not silent.over:
-        session.pump()
-    return session.monitor.current_seq
-
-
-def set_mode(session: Session, mode: Mode) -> None:
-    """Change the flight mode and confirm it in the heartbeat."""
-    session.client.set_mode(custom_mode(session.autopilot, mode))
-
-
-def hold_mode(session: Session) -> Mode:
-    """The mode in which the vehicle stays where it is without a pilot's sticks.
-
-    ArduPilot's LOITER takes the height from the throttle stick, which is down when no pilot holds it; GUIDED stays.
-    """
-    return Mode.GUIDED if session.is_ardupilot else Mode.HOLD
-
-
-def first_seq(session: Session) -> int:
-    """Number on the wire of a mission's first item."""
-    return 1 if session.autopilot.home_in_item_0 else 0
-
-
-def wire_seq(session: Session, index: int) -> int:
-    """Number on the wire of item ``index`` of a mission."""
-    return first_seq(session) + index
-
-
-def set_current_item(session: Session, seq: int) -> None:
-    """Go on with item ``seq``, by command, or by the older message where the command is not known."""
-    try:
-        session.client.command(Command.DO_SET_MISSION_CURRENT, float(seq), timeout_s=PREPARATION.arming_answer_s)
-    except (CommandRefusedError, VehicleSilentError) as error:
-        if isinstance(error, CommandRefusedError) and error.result != CommandResult.UNSUPPORTED:
-            raise
-        session.client.send(MissionSetCurrent(*session.client.vehicle.address, seq))
 
 
 def disarm_on_ground(session: Session) -> bool:

@@ -7,7 +7,15 @@ from mission_io.autopilots.flight_modes import Mode
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
 from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
-from uavcover.flight.arming import arm_and_start, disarm_on_ground, is_flying
+from uavcover.flight.arming import (
+    arm_and_start,
+    check_home,
+    check_mission,
+    disarm_on_ground,
+    is_flying,
+    request_telemetry,
+    wait_until_ready,
+)
 from uavcover.flight.client import VehicleClient, require_answers, require_multirotor, simulated_by
 from uavcover.flight.follow import PlanReturn, follow_mission, follow_taken, return_home
 from uavcover.flight.limits import AppliedLimits, tell_own_returns, tell_returns_by
@@ -15,7 +23,6 @@ from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import Clearance, FlightPlan, FlightTimeouts, Orders
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress
-from uavcover.flight.readiness import check_home, check_mission, request_telemetry, wait_until_ready
 from uavcover.flight.schedule import tell_short_battery
 from uavcover.flight.session import Session, Stopped, TakenOverError
 from uavcover.flight.tuning import PREPARATION, RECORDS

@@ -12,7 +12,7 @@ from mission_io.errors import MissionIoError
 from mission_io.model.items import Command, Frame, Mission
 from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
-from uavcover.flight.arming import first_seq, fly_from_item, hold_mode, is_flying, set_mode
+from uavcover.flight.arming import is_flying
 from uavcover.flight.follower import Follower
 from uavcover.flight.mission_guard import MissionGuard, VolumeWatch
 from uavcover.flight.orders import FlightPlan, OnBreach, reaction
@@ -20,7 +20,7 @@ from uavcover.flight.position_watch import FallWatch
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.schedule import FlightSchedule, PhotoWatch
-from uavcover.flight.session import Session, Stopped, Timer
+from uavcover.flight.session import Session, Stopped, Timer, first_seq, fly_from_item, hold_mode, set_mode
 from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Collection
 from mission_io.autopilots.flight_modes import Mode
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.wire import messages as m
-from uavcover.flight.arming import continue_mission, hold_mode, send_disarm, set_mode
+from uavcover.flight.arming import send_disarm
 from uavcover.flight.mission_guard import ModeOverride
 from uavcover.flight.orders import OnBreach, Phase, policy, reaction
 from uavcover.flight.position_watch import HoldState, HoldWatch
 from uavcover.flight.progress import MissionProgress
-from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
+from uavcover.flight.session import Session, Stopped, TakenOverError, Timer, continue_mission, hold_mode, set_mode
 from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 

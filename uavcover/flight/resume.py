@@ -12,7 +12,7 @@ from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
-from uavcover.flight.arming import fly_from_item, hold_mode, wire_seq
+from uavcover.flight.arming import check_home_position, check_telemetry, request_telemetry
 from uavcover.flight.client import VehicleClient, custom_mode
 from uavcover.flight.connect import Connected, checked_return, flight_plan
 from uavcover.flight.fly import FlightRun
@@ -20,8 +20,7 @@ from uavcover.flight.follow import PlanReturn, follow_mission, hold
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightPlan, Orders
 from uavcover.flight.progress import ResumePoint, along_leg_m, find_resume_point, remaining_route
-from uavcover.flight.readiness import check_home_position, check_telemetry, request_telemetry
-from uavcover.flight.session import Session, Stopped, TakenOverError
+from uavcover.flight.session import Session, Stopped, TakenOverError, first_seq, fly_from_item, hold_mode
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_continuation
 from uavcover.missions.mission_files import compile_plan
@@ -209,7 +208,7 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
         session.monitor.forget(m.MissionCurrent)
         progress = flight.record(plan)
         try:
-            fly_from_item(session, wire_seq(session, onward.first_item))
+            fly_from_item(session, first_seq(session) + onward.first_item)
         except TakenOverError as error:
             session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it to the ground
         session.watch.take_off()

@@ -1,4 +1,4 @@
-"""The session with one vehicle: sending commands, waiting with timeouts, passing on what it reports, noticing its loss."""
+"""The session with one vehicle: its modes and commands, waiting with timeouts, passing on reports, noticing its loss."""
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
@@ -6,15 +6,17 @@ from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.flight_modes import Mode, mode_from_custom
-from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
-from mission_io.model.enums import AutopilotId, MissionState, Severity
+from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentError, WaitCancelledError
+from mission_io.model.enums import AutopilotId, CommandResult, MissionState, Severity
+from mission_io.model.items import Command
 from mission_io.wire import messages as m
+from mission_io.wire.messages import MissionCurrent, MissionSetCurrent
 from uavcover.flight.client import VehicleClient, custom_mode
 from uavcover.flight.evidence import Evidence
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightTimeouts, OnBreach
 from uavcover.flight.parameter_rules import Limit
-from uavcover.flight.tuning import FOLLOWING
+from uavcover.flight.tuning import FOLLOWING, PREPARATION
 from uavcover.flight.watch import Watch
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
 
@@ -322,3 +324,84 @@ class Timer:
             return link_elapsed_s > self._timeout_s
         watchdog_s = self._timeout_s * self._session.timeouts.watchdog
         return now_s - self._vehicle_s > self._timeout_s or link_elapsed_s > watchdog_s
+
+
+def set_mode(session: Session, mode: Mode) -> None:
+    """Change the flight mode and confirm it in the heartbeat."""
+    session.client.set_mode(custom_mode(session.autopilot, mode))
+
+
+def hold_mode(session: Session) -> Mode:
+    """The mode in which the vehicle stays where it is without a pilot's sticks.
+
+    ArduPilot's LOITER takes the height from the throttle stick, which is down when no pilot holds it; GUIDED stays.
+    """
+    return Mode.GUIDED if session.is_ardupilot else Mode.HOLD
+
+
+def first_seq(session: Session) -> int:
+    """Number on the wire of a mission's first item."""
+    return 1 if session.autopilot.home_in_item_0 else 0
+
+
+def set_current_item(session: Session, seq: int) -> None:
+    """Go on with item ``seq``, by command, or by the older message where the command is not known."""
+    try:
+        session.client.command(Command.DO_SET_MISSION_CURRENT, float(seq), timeout_s=PREPARATION.arming_answer_s)
+    except (CommandRefusedError, VehicleSilentError) as error:
+        if isinstance(error, CommandRefusedError) and error.result != CommandResult.UNSUPPORTED:
+            raise
+        session.client.send(MissionSetCurrent(*session.client.vehicle.address, seq))
+
+
+def fly_from_item(session: Session, seq: int) -> None:
+    """Fly the mission that an airborne vehicle holds, from item ``seq`` on; on failure command a hold.
+
+    ArduPilot begins its mission anew each time that it enters AUTO when MIS_RESTART is 1. So the item is set again once it has
+    entered AUTO, and MISSION_CURRENT has to show it.
+
+    Raises:
+        FlightFaultError: the vehicle is gone, or flies to another item.
+        mission_io.errors.CommandRefusedError: it refuses.
+    """
+    _steer(session, lambda: set_current_item(session, seq))
+    continue_mission(session, seq)
+
+
+def continue_mission(session: Session, seq: int | None = None) -> None:
+    """Fly on with item ``seq``, which is the current one; errors as ``fly_from_item``."""
+    wanted = session.monitor.current_seq if seq is None else seq
+    if wanted < 0:  # nothing is known of its item
+        _steer(session, lambda: set_mode(session, Mode.MISSION))
+        return
+    if session.is_ardupilot:
+        _steer(session, lambda: session.client.command(Command.MISSION_START))  # enters AUTO, and answers at once
+        _steer(session, lambda: set_current_item(session, wanted))
+    _steer(session, lambda: set_mode(session, Mode.MISSION))
+    item = _reported_item(session)
+    for _ in range(PREPARATION.arming_tries):
+        if wanted <= item <= wanted + PREPARATION.reached_items:
+            return
+        _steer(session, lambda: set_current_item(session, wanted))
+        item = _reported_item(session)
+    _steer(session, lambda: set_mode(session, hold_mode(session)))
+    flies = f"flies to item {item}" if item >= 0 else "does not report its current item"
+    raise FlightFaultError(
+        Ending.FAILED,
+        f"the vehicle {flies} instead of flying to item {wanted}; it was commanded to hold; set MIS_RESTART to 0 so "
+        "that missions resume at the current item",
+    )
+
+
+def _steer(session: Session, act: Callable[[], object]) -> None:
+    """Command a vehicle that holds or flies its mission by our command; errors as ``Session.steer``."""
+    session.steer(act, while_in=[hold_mode(session), Mode.HOLD, Mode.MISSION])
+
+
+def _reported_item(session: Session) -> int:
+    """The next reported item that the vehicle flies to; -1 without a report."""
+    session.monitor.forget(MissionCurrent)
+    silent = Timer(session, PREPARATION.arming_answer_s)
+    while session.monitor.current_seq < 0 and not silent.over:
+        session.pump()
+    return session.monitor.current_seq

@@ -19,7 +19,7 @@ from typing import Self
 
 import numpy as np
 
-from uavcover.mock.tuning import BODY
+from uavcover.mock.behaviour import BODY
 from uavcover.model.vehicle import GRAVITY_M_S2, PowerModel, Vehicle
 
 Vector = tuple[float, float, float]

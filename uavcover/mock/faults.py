@@ -8,7 +8,7 @@ from enum import Enum
 
 from mission_io.autopilots.flight_modes import Mode
 from uavcover.errors import InputError
-from uavcover.mock.tuning import BODY
+from uavcover.mock.behaviour import BODY
 
 
 class FaultKind(Enum):

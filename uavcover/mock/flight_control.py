@@ -9,14 +9,13 @@ from mission_io.autopilots.flight_modes import Mode, has_mode
 from mission_io.model.enums import CommandResult, MissionState, Severity
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
+from uavcover.mock.behaviour import BODY, Speeds
+from uavcover.mock.body import SMART_RTL
 from uavcover.mock.faults import FaultKind
-from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind
 from uavcover.mock.mission_flight import MissionFlight, return_steps
-from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
-from uavcover.mock.tuning import BODY
 
 _FAILSAFE_NAMES = {Mode.RETURN: "RTL Mode", Mode.LAND: "LAND Mode", Mode.HOLD: "BRAKE Mode"}
 _ARMABLE = (Mode.MANUAL, Mode.GUIDED, Mode.HOLD)

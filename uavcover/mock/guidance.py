@@ -14,18 +14,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from uavcover.mock.behaviour import BODY, GUIDANCE, Speeds
 from uavcover.mock.dynamics import Airframe, Vector
-from uavcover.mock.tuning import BODY, GUIDANCE
 from uavcover.model.vehicle import AutopilotMotion
-
-
-@dataclass(frozen=True, slots=True)
-class Speeds:
-    """Speeds of flight: over ground along a leg, upwards and downwards, metres per second."""
-
-    cruise_m_s: float
-    climb_m_s: float
-    descent_m_s: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,9 @@ from typing import Protocol, Self, cast
 
 from mission_io.autopilots.autopilot import command_read_back
 from mission_io.model.items import Command, MissionItem, SpeedType
-from uavcover.mock.behaviour import Settings
+from uavcover.mock.behaviour import FLIGHT, Settings, Speeds
 from uavcover.mock.dynamics import Airframe, Vector
-from uavcover.mock.guidance import Leg, Legs, Speeds, Stop, legs_of, passing_speeds, velocity_along, velocity_to
-from uavcover.mock.tuning import FLIGHT
+from uavcover.mock.guidance import Leg, Legs, Stop, legs_of, passing_speeds, velocity_along, velocity_to
 from uavcover.model.vehicle import AutopilotMotion
 
 

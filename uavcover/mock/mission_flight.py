@@ -12,14 +12,13 @@ from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import MissionState, Severity
 from mission_io.model.items import LAST_NAVIGATION, Command, Frame, MissionItem, MissionType
 from mission_io.wire import messages as m
+from uavcover.mock.behaviour import FLIGHT, Speeds
+from uavcover.mock.body import SMART_RTL
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.faults import FaultKind
-from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind, halting_point, mission_steps
-from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
-from uavcover.mock.tuning import FLIGHT
 
 _TAKEOFFS = (Command.NAV_TAKEOFF, 24, 84)
 """MAV_CMD_NAV_TAKEOFF, NAV_TAKEOFF_LOCAL and NAV_VTOL_TAKEOFF."""

@@ -31,10 +31,9 @@ from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address, TerrainData, TerrainReport, TerrainRequest
 from mission_io.wire.mission_items import message_from_item
-from uavcover.mock.behaviour import Parameters
+from uavcover.mock.behaviour import LINK, Parameters
 from uavcover.mock.body import MockBody
 from uavcover.mock.dynamics import Vector
-from uavcover.mock.tuning import LINK
 from uavcover.terrain.frames import LocalFrame
 
 # Terrain heights as ArduPilot obtains them: a grid requested with TERRAIN_REQUEST and answered block by block.

@@ -13,7 +13,7 @@ from mission_io.links.tcp import TcpChannel
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Address, Message, TimeSync
 from uavcover.errors import VehicleError
-from uavcover.mock.tuning import LINK
+from uavcover.mock.behaviour import LINK
 from uavcover.mock.vehicle import MockVehicle
 
 # The mock vehicle as bytes: its codec, its clock ratio, its pacing, and which ground station receives which message.

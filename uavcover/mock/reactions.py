@@ -12,12 +12,11 @@ from mission_io.model.enums import CommandResult, Severity, VehicleClass
 from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import DEGREES_SCALE
-from uavcover.mock.behaviour import TransferClock
+from uavcover.mock.behaviour import BODY, TransferClock
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.itinerary import Step, StepKind, changed_speeds
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import KIND_BY_ID, tell
-from uavcover.mock.tuning import BODY
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from typing import Self
 from mission_io.links.base import Closing
 from mission_io.links.opening import Link, LinkUrl, UdpLink, parse_link_url
 from uavcover.errors import InputError
+from uavcover.mock.behaviour import LINK
 from uavcover.mock.ports import MockPeer, Place, Port, TcpPort, UdpPort
-from uavcover.mock.tuning import LINK
 from uavcover.mock.vehicle import MockVehicle
 
 _log = logging.getLogger(__name__)

@@ -17,14 +17,12 @@ from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.ftp_server import FtpServer
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
-from uavcover.mock.behaviour import Behaviour, GroundSource, Parameters, Settings, TransferClock, quick
-from uavcover.mock.body import GpsError, Ground, MockBody
+from uavcover.mock.behaviour import BODY, FLIGHT, Behaviour, GroundSource, Parameters, Settings, TransferClock, quick
+from uavcover.mock.body import GpsError, Ground, MockBody, Trail
 from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel, course_rad
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
 from uavcover.mock.itinerary import CameraOrder, Step
 from uavcover.mock.mission_store import FenceWatch, ListFiles, MissionStore, TerrainFeed
-from uavcover.mock.smart_return import Trail
-from uavcover.mock.tuning import BODY, FLIGHT
 from uavcover.model.vehicle import MOTIONS
 
 # The camera of the mock vehicle: triggered by distance or by commands; it reports every photo.

@@ -1,14 +1,21 @@
-"""The messages in which the mock vehicle reports its state, and its true position for the truth log."""
+"""The messages in which the mock vehicle reports its state, and a log of its true position.
 
+The log is for tests and for judging a track.
+"""
+
+import csv
 import math
 from collections.abc import Callable
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
 
 from mission_io.autopilots.flight_modes import Mode
+from mission_io.links.base import Closing
 from mission_io.model.enums import EkfFlag, GpsFix, MissionState, ModeFlag
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
-from uavcover.mock.body import TruthSample
+from uavcover.errors import InputError
 from uavcover.mock.state import MockState
 from uavcover.model.vehicle import MOCK_UID
 
@@ -154,6 +161,50 @@ def _home(vehicle: MockState) -> m.Message | None:
 def _origin(vehicle: MockState) -> m.Message:
     frame = vehicle.body.frame
     return m.GpsGlobalOrigin(frame.lat_deg, frame.lon_deg, frame.alt_amsl_m)
+
+
+@dataclass(frozen=True, slots=True)
+class TruthSample:
+    """True and believed position when a position was reported."""
+
+    time_s: float  # vehicle time since it was switched on, as in the reported position
+    lat_deg: float  # true latitude
+    lon_deg: float  # true longitude
+    alt_amsl_m: float  # true height above mean sea level
+    east_error_m: float  # believed position less the true one
+    north_error_m: float  # the same
+    up_error_m: float  # the same
+    roll_deg: float  # right side down is positive
+    pitch_deg: float  # nose up is positive
+    yaw_deg: float  # clockwise from north
+
+
+OnTruth = Callable[[TruthSample], None]
+"""Called with each sample."""
+
+
+class TruthFile(Closing):
+    """Writes samples to a CSV file as they come; a context manager.
+
+    Raises:
+        InputError: the file cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._file = path.open("w", newline="", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise InputError(f"{path}: the file cannot be written: {error.strerror}") from None
+        self._rows = csv.writer(self._file, lineterminator="\n")
+        self._rows.writerow(field.name for field in fields(TruthSample))
+
+    def __call__(self, sample: TruthSample) -> None:
+        """Write one sample."""
+        self._rows.writerow(astuple(sample))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
 
 
 def truth_sample(vehicle: MockState) -> TruthSample:

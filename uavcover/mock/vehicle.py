@@ -14,15 +14,14 @@ from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import Severity
 from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
 from mission_io.wire import messages as m
-from uavcover.mock.body import Ground, OnTruth
+from uavcover.mock.behaviour import BODY, FLIGHT
+from uavcover.mock.body import SMART_RTL, Ground
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import Fault, FaultKind
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.reactions import Failsafes, handle
-from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockConfig, MockState
-from uavcover.mock.telemetry import tell, truth_sample
-from uavcover.mock.tuning import BODY, FLIGHT
+from uavcover.mock.telemetry import OnTruth, tell, truth_sample
 
 # Effects of each fault on the mock vehicle at its begin and end.
 

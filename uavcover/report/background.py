@@ -25,15 +25,26 @@ from rasterio.enums import ColorInterp, Resampling
 from rasterio.windows import Window
 from scipy.ndimage import map_coordinates
 
+from mission_io.data_tables import data_table
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.report.cell_layers import Bounds, data_uri
-from uavcover.report.tuning import BACKGROUND
 from uavcover.scenario.site import Site
 
 _TILE_PIXELS = (64, 2048)
 _SQLITE = b"SQLite format 3\0"
 _MERCATOR_HALF_M = 20037508.342789244
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Background:
+    pixels: int
+    quality: int
+    nodes: int
+    most_tiles: int
+
+
+BACKGROUND = data_table(_Background, "uavcover/data/report.toml", "background")
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from uavcover.kernels.arrays import BoolArray, ByteArray, FloatArray
-from uavcover.report.content import PlannedView, ReportContent
-from uavcover.report.tuning import FIGURES
+from uavcover.report.content import FIGURES, PlannedView, ReportContent
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, pictures_asked
 from uavcover.verification.flown_coverage import FlownCoverage

@@ -1,4 +1,4 @@
-"""The content of a report: a run folder, read and judged."""
+"""The content of a report: a run folder, read and judged, and the sizes of its drawings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mission_io.data_tables import data_table
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.route import Route
@@ -26,6 +27,27 @@ from uavcover.verification.command import judge_tracks
 from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.run_logs import date_bounds, planned_for, read_log
 from uavcover.verification.verify import Verdict, track_positions_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Figures:
+    dpi: int
+    side_nodes: int
+    top_nodes: int
+    max_numbers: int
+    relief_pixels: int
+    jpeg_quality: int
+    surface_nodes: int
+    max_samples: int
+    pad_m: float
+    ramp_steps: int
+    max_table_rows: int
+    along_steps: int
+    flight_colors: int
+
+
+FIGURES = data_table(_Figures, "uavcover/data/report.toml", "figures")
+"""Sizes of the report's drawings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

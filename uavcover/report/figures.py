@@ -12,9 +12,8 @@ from mpl_toolkits.mplot3d import Axes3D
 from uavcover.errors import OutputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.pareto_file import ParetoRow, trade_off_axis
-from uavcover.report.content import ReportContent
+from uavcover.report.content import FIGURES, ReportContent
 from uavcover.report.map_data import bounds_m
-from uavcover.report.tuning import FIGURES
 from uavcover.terrain.ground import relief_grid
 
 FIGURE_NAMES = ("side-view.png", "top-view.png")

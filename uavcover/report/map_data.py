@@ -15,9 +15,8 @@ from uavcover.missions.return_advice import flight_states
 from uavcover.model.route import Route
 from uavcover.model.verdict import Gap
 from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri
-from uavcover.report.content import Flight, ReportContent
+from uavcover.report.content import FIGURES, Flight, ReportContent
 from uavcover.report.plots import flight_style
-from uavcover.report.tuning import FIGURES
 from uavcover.scenario.airspace.flyable import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.obstacles import Prism

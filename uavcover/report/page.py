@@ -18,9 +18,8 @@ from uavcover.errors import InputError, OutputError
 from uavcover.report import plots
 from uavcover.report.background import Background, read_background
 from uavcover.report.cell_layers import REASON_WORDS
-from uavcover.report.content import ReportContent, read_run
+from uavcover.report.content import FIGURES, ReportContent, read_run
 from uavcover.report.map_data import bounds_m, drawn_every, map_data
-from uavcover.report.tuning import FIGURES
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import REPORT_FILE, RunFolder, write_text
 from uavcover.run.judged_inputs import (

@@ -10,8 +10,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import MissionSize, Route
 from uavcover.planner.pareto_file import trade_off_axis
 from uavcover.report.charts import Chart, Key, Plot
-from uavcover.report.content import Flight, ReportContent
-from uavcover.report.tuning import FIGURES
+from uavcover.report.content import FIGURES, Flight, ReportContent
 from uavcover.verification.verify import Verdict
 
 

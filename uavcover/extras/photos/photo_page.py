@@ -23,9 +23,9 @@ from uavcover.report.cell_layers import (
     picture_layers,
     ramp_layer,
 )
+from uavcover.report.content import FIGURES
 from uavcover.report.map_data import gap_data, geodetic_fit, layer_data, relief_image, rings_of, rounded
 from uavcover.report.page import map_script, rendered_page
-from uavcover.report.tuning import FIGURES
 from uavcover.run.folder import write_text
 from uavcover.run.user import User, percent
 from uavcover.scenario.site import area_as_drawn

@@ -1,1 +1,1 @@
-"""Tracks from the logs of other software, one module for each format."""
+"""Tracks from the logs of other software."""
