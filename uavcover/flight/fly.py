@@ -20,7 +20,7 @@ from uavcover.flight.client import VehicleClient, require_answers, require_multi
 from uavcover.flight.follow import PlanReturn, follow_mission, follow_taken, return_home
 from uavcover.flight.limits import AppliedLimits, tell_own_returns, tell_returns_by
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.orders import Clearance, FlightPlan, FlightTimeouts, Orders
+from uavcover.flight.orders import FlightPlan, FlightTimeouts, Orders
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.schedule import tell_short_battery
@@ -351,7 +351,10 @@ def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanRetur
         flight.watch_preconditions(plan)
         tell_own_returns(session, plan.returns)
         tell_short_battery(session, plan)
-        _wait_for_clearance(session, flight.orders.clearance)
+        while not flight.orders.clearance.may_start():  # beside other vehicles
+            if session.stop():
+                raise Stopped
+            session.pump()
         session.prepare(lambda: _refuse_armed(session), while_in=tuple(Mode))
         flight.orders.on_begin()
         progress = flight.record(plan)
@@ -366,19 +369,6 @@ def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanRetur
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)
-
-
-def _wait_for_clearance(session: Session, clearance: Clearance) -> None:
-    """Listen until the vehicle may start beside the others.
-
-    Raises:
-        Stopped: the user asked to stop meanwhile.
-        FlightFaultError: the vehicle is gone.
-    """
-    while not clearance.may_start():
-        if session.stop():
-            raise Stopped
-        session.pump()
 
 
 def _refuse_armed(session: Session) -> None:

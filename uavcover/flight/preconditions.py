@@ -177,7 +177,9 @@ class _SettingsWatch:
                 for name, value in values.items()
                 if name in self.values and not _same(value, self.values[name])
             }
-            by_mission = {name for name, value in changed.items() if self._is_set_by_mission(name, value)}
+            by_mission = {
+                name for name, value in changed.items() if any(_same(value, own) for own in self._own_values(name))
+            }
             self.values.update((name, changed.pop(name)) for name in by_mission)
             if changed:
                 self._take(changed)
@@ -219,9 +221,6 @@ class _SettingsWatch:
             own_system=self._session.client.local.system_id,
         )
         return {row.parameter: row for row in rows if row.parameter}
-
-    def _is_set_by_mission(self, name: str, value: float) -> bool:
-        return any(_same(value, own) for own in self._own_values(name))
 
     def _own_values(self, name: str) -> list[float]:
         """Values of a parameter that the mission itself sets."""

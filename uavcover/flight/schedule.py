@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -19,13 +18,6 @@ from uavcover.model.outcome import Ending, EventKind
 from uavcover.model.vehicle import Vehicle
 
 # Battery use of a flight: whether the charge lasts for the rest of the mission, or only for the return.
-
-
-class BatteryAllows(Enum):
-    """Flight that a battery allows."""
-
-    GO_ON = "the charge is sufficient to continue"
-    GO_HOME = "the charge is sufficient only for the return"
 
 
 @dataclass(slots=True)
@@ -71,11 +63,9 @@ class BatteryUse:
             return math.inf
         return self.spare / self.each_s - RESERVE.use_on_ratio * seconds
 
-    def allows(self, *, rest_s: float, home_s: float) -> BatteryAllows:
-        """Flight that it allows, for ``rest_s`` to the landing by the mission and ``home_s`` straight home."""
-        if home_s + RESERVE.to_turn_s >= rest_s or self.lasts_home(home_s) or self.lasts_on(rest_s):
-            return BatteryAllows.GO_ON
-        return BatteryAllows.GO_HOME
+    def allows_on(self, *, rest_s: float, home_s: float) -> bool:
+        """Whether it may go on, with ``rest_s`` to the landing by the mission and ``home_s`` straight home."""
+        return home_s + RESERVE.to_turn_s >= rest_s or self.lasts_home(home_s) or self.lasts_on(rest_s)
 
 
 _TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
@@ -222,7 +212,7 @@ class FlightSchedule:
             home_s = self._home_s(place_m)
         except UavcoverError:  # the ground below the return is not known
             return
-        if use.allows(rest_s=left_s, home_s=home_s) is BatteryAllows.GO_HOME:
+        if not use.allows_on(rest_s=left_s, home_s=home_s):
             self._must = (
                 f"{source} has {percent:.0f} % left and loses {60.0 * use.each_s:.1f} % per minute: the return takes "
                 f"{home_s:.0f} s and the remaining mission {left_s:.0f} s, which would use the reserve of "

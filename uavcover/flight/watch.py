@@ -34,23 +34,17 @@ class Alarm:
 
     Args:
         settle_s: how long it has to be away before it counts as over.
-        repeat_s: how often it is reported while it lasts.
 
     Attributes:
         largest: the largest amount since it began.
     """
 
-    def __init__(self, *, settle_s: float = 0.0, repeat_s: float = WATCH.repeat_s) -> None:
-        self._settle_s, self._repeat_s = settle_s, repeat_s
+    def __init__(self, *, settle_s: float = 0.0) -> None:
+        self._settle_s = settle_s
         self._reported_at_s: float | None = None
         self._reported_amount = 0.0
         self._away_since_s: float | None = None
         self.largest = 0.0
-
-    @property
-    def sounding(self) -> bool:
-        """Whether it has begun and is not over."""
-        return self._reported_at_s is not None
 
     def measure(self, amount: float | None, now: float) -> ReportReason | None:
         """Take what was measured at ``now`` (seconds), None for nothing wrong; returns the reason for a report."""
@@ -71,7 +65,7 @@ class Alarm:
         if amount >= 2.0 * self._reported_amount and amount > self._reported_amount:
             self._reported_amount = amount
             return self._tell(ReportReason.DOUBLED, now)
-        if now - self._reported_at_s >= self._repeat_s:
+        if now - self._reported_at_s >= WATCH.repeat_s:
             return self._tell(ReportReason.LASTS, now)
         return None
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
 from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, ReadTrack, Track
@@ -119,7 +119,10 @@ def _chunks(path: Path) -> Iterator[Chunk]:
         with warnings.catch_warnings():
             # Of a file without a manifest rerun warns first; that it cannot be opened then says the same.
             warnings.simplefilter("ignore", RerunWarning)
-            chunks = _whole_chunks(path)
+            reader = RrdReader(path)
+            if not reader.recordings():
+                raise RecordingError(f"{path}: the file contains no recording")
+            chunks = reader.store().stream()
         yield from chunks
     except (ValueError, OSError, RuntimeError) as error:
         left = _chunks_until_cut(path)
@@ -131,13 +134,6 @@ def _chunks(path: Path) -> Iterator[Chunk]:
             f"{path}: this is not a complete rerun recording ({reason}); if the program that wrote it was killed, "
             f"`rerun rrd optimize {path} -o repaired.rrd` recovers the written part"
         ) from error
-
-
-def _whole_chunks(path: Path) -> LazyChunkStream:
-    reader = RrdReader(path)
-    if not reader.recordings():
-        raise RecordingError(f"{path}: the file contains no recording")
-    return reader.store().stream()
 
 
 def _chunks_until_cut(path: Path) -> list[Chunk]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from uavcover.kernels.arrays import BoolArray, ByteArray, FloatArray
-from uavcover.report.content import FIGURES, PlannedView, ReportContent
+from uavcover.report.content import FIGURES, ReportContent
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, pictures_asked
 from uavcover.verification.flown_coverage import FlownCoverage
@@ -84,7 +84,8 @@ def cell_layers(content: ReportContent) -> list[CellLayer]:
     asked = pictures_asked(coverage.site.scenario.sensor)
     layers: list[CellLayer | None] = []
     if verdict is None:
-        layers.append(_planned_coverage_layer(coverage, planned))
+        classes = [(UNSEEN_RGB, "not observed", ~planned.seen), (SEEN_RGB, "observed, as planned", planned.seen)]
+        layers.append(_classes_layer(coverage, "planned-coverage", "Coverage, planned", classes))
     else:
         layers += [coverage_layer(coverage, verdict.flown), gap_layer(coverage, verdict.flown)]
         layers += picture_layers(coverage, verdict.pictures, "flown", asked)
@@ -110,13 +111,6 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
             ("distance", "Minimum distance", flown.nearest_m, "plasma_r", label("{:.0f} m")),
         )
     ]
-
-
-def _planned_coverage_layer(coverage: CoverageMap, planned: PlannedView) -> CellLayer:
-    return _classes_layer(
-        coverage, "planned-coverage", "Coverage, planned",
-        [(UNSEEN_RGB, "not observed", ~planned.seen), (SEEN_RGB, "observed, as planned", planned.seen)],
-    )  # fmt: skip
 
 
 def picture_layers(

@@ -23,10 +23,11 @@ from uavcover.scenario.vehicle_areas import groups_of, own_sensors, vehicle_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
 from uavcover.sensing.site_maps import fleet_map, map_for
-from uavcover.verification.command import judge_tracks
+from uavcover.verification.command import judge_tracks, log_name
 from uavcover.verification.flown_route import PlannedRoute
+from uavcover.verification.judged_track import track_positions_m
 from uavcover.verification.run_logs import date_bounds, planned_for, read_log
-from uavcover.verification.verify import Verdict, track_positions_m
+from uavcover.verification.verify import Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +123,7 @@ def read_run(
         tracks = [(r.track, planned_for(path, run, r.track)) for r, path in zip(read, paths, strict=True)]
         sites, dates = [site_for(path, run, site) for path in paths], [date_bounds(path, run) for path in paths]
         verdict = judge_tracks(site, tracks, sites=sites, dates=dates)
-        flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
+        flights = _flights(site, [log_name(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
     coverage = fleet_map(site) if verdict is None else verdict.coverage
     planned = read_plan_document(plan, source=str(run.file("plan.json")))
@@ -178,12 +179,6 @@ def _flights(
         planned_m = np.empty((0, 3)) if planned is None else planned.waypoints_m
         flights.append(Flight(name, track, planned_m, enu, height, track.time_s + shift_s - start_s))
     return tuple(flights)
-
-
-def _shown(path: Path, run: RunFolder) -> str:
-    """The displayed name: the path inside the run folder, or the file name of any other log."""
-    inside = path.resolve().is_relative_to(run.path.resolve())
-    return path.resolve().relative_to(run.path.resolve()).as_posix() if inside else path.name
 
 
 def _optional_json(run: RunFolder, name: str) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Judging a flight: its logs against its plan, the verdict, and its files in the run folder."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
@@ -111,8 +110,8 @@ def widened(site: Site, biases: Sequence[ElevationBias]) -> tuple[Site, tuple[st
         f"the height uncertainty is {shown_m:.1f} m according to the rangefinder, instead of the stated "
         f"{stated.vertical_m:.1f} m"
     )
-    uncertainty = dataclasses.replace(stated, terrain_m=shown_m - stated.height_m)
-    return dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, uncertainty=uncertainty)), tuple(words)
+    uncertainty = replace(stated, terrain_m=shown_m - stated.height_m)
+    return replace(site, scenario=replace(site.scenario, uncertainty=uncertainty)), tuple(words)
 
 
 def with_measured_ground(
@@ -325,7 +324,7 @@ def judge_run(
     with user.progress("verifying"):
         dates = [date_bounds(path, run) for path in paths]
         verdict = judge_tracks(site, tracks, evidence=evidence, count=count, sites=sites, dates=dates)
-    return site, verdict, [_name(path, run) for path in paths], inputs
+    return site, verdict, [log_name(path, run) for path in paths], inputs
 
 
 def say_inputs(user: User, inputs: JudgedInputs) -> None:
@@ -336,7 +335,7 @@ def say_inputs(user: User, inputs: JudgedInputs) -> None:
         user.say(f"no hash           {unsealed_in_words(name)}")
 
 
-def _name(path: Path, run: RunFolder) -> str:
+def log_name(path: Path, run: RunFolder) -> str:
     """A log's path inside the run folder, or its name alone: no path of this machine."""
     inside = path.resolve().is_relative_to(run.path.resolve())
     return path.resolve().relative_to(run.path.resolve()).as_posix() if inside else path.name

@@ -42,7 +42,7 @@ from uavcover.verification.flown_coverage import (
 )
 from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.gaps import GapRegion, find_gaps
-from uavcover.verification.judged_track import JudgedTrack, judge_track, largest, track_positions_m
+from uavcover.verification.judged_track import JudgedTrack, judge_track, largest
 from uavcover.verification.observations import Observations, reports_photos
 from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, clocks_apart, dated
 from uavcover.verification.several_flights import (
@@ -52,8 +52,6 @@ from uavcover.verification.several_flights import (
     judge_separation,
     records_of_one_flight,
 )
-
-__all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

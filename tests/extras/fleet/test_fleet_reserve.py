@@ -9,7 +9,7 @@ import pytest
 
 from tests.extras.fleet.scripted_fleet import SITE
 from uavcover.extras.fleet.sortie import ReserveWatch
-from uavcover.flight.schedule import BatteryAllows, BatteryUse
+from uavcover.flight.schedule import BatteryUse
 from uavcover.model.vehicle import Vehicle
 
 VEHICLE = Vehicle(endurance_s=600.0, reserve_fraction=0.2)
@@ -29,7 +29,7 @@ def flown(use: float, *, use_home: float, mission_s: float) -> tuple[float, floa
         if second % 2 == 0:
             battery.take(math.floor(left), aloft_s=float(second))
             home_s = away_s + 15.0
-            if battery.allows(rest_s=mission_s - second, home_s=home_s) is BatteryAllows.GO_HOME:
+            if not battery.allows_on(rest_s=mission_s - second, home_s=home_s):
                 return left - (20.0 * use + home_s * use_home) / 6.0, second / mission_s
         left -= use / 6.0
     return left, 1.0
@@ -57,8 +57,8 @@ def test_no_way_home_is_shorter_than_the_mission_itself() -> None:
     battery = BatteryUse(VEHICLE, 100.0 / 600.0)
     battery.take(95, aloft_s=30.0)
     battery.take(10, aloft_s=400.0)
-    assert battery.allows(rest_s=60.0, home_s=50.0) is BatteryAllows.GO_ON
-    assert battery.allows(rest_s=160.0, home_s=50.0) is BatteryAllows.GO_HOME
+    assert battery.allows_on(rest_s=60.0, home_s=50.0)
+    assert not battery.allows_on(rest_s=160.0, home_s=50.0)
 
 
 def watch(monkeypatch: pytest.MonkeyPatch, percent: int | None, *, free: bool = True) -> ReserveWatch:

@@ -18,7 +18,7 @@ from uavcover.extras.fleet.jobs import Job
 from uavcover.extras.fleet.traffic import Traffic
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.connect import Connected, check_home
-from uavcover.flight.schedule import BatteryAllows, BatteryUse
+from uavcover.flight.schedule import BatteryUse
 from uavcover.flight.tuning import RESERVE
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.flight_costs import way_home
@@ -241,7 +241,7 @@ class ReserveWatch:
             way_m, home_s = way_home(self._job.site, self._traffic.place_m(self._job.name))
         except UavcoverError:  # the ground below the way is not known
             return None
-        if use.allows(rest_s=rest_s, home_s=home_s) is BatteryAllows.GO_ON:
+        if use.allows_on(rest_s=rest_s, home_s=home_s):
             return None
         if not self._traffic.give_way_home(self._job.name, now, way_m, within_s=home_s + RESERVE.to_turn_s):
             return None

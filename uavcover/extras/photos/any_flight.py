@@ -31,8 +31,8 @@ from uavcover.sensing.pictures import PictureCounts
 from uavcover.sensing.sensors import frame_camera
 from uavcover.verification.command import JudgedPictures, verify_run
 from uavcover.verification.flown_coverage import GivenEvidence, PictureEvidence
+from uavcover.verification.judged_track import track_positions_m
 from uavcover.verification.run_logs import LOG_ENDINGS, read_log
-from uavcover.verification.verify import track_positions_m
 
 __all__ = [
     "Assumptions",
