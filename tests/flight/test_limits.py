@@ -1,4 +1,7 @@
-"""The table before arming: what is told, what keeps the vehicle on the ground, what is set and put back."""
+"""The table before arming: what is told, what keeps the vehicle on the ground, what is set and put back.
+
+Also told: from where the vehicle's own return is unsafe, by the vehicle's real parameters.
+"""
 
 import dataclasses
 import itertools
@@ -6,17 +9,22 @@ import random
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.errors import VehicleSilentError
+from mission_io.model.areas import FramedPoint
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, make_scene, mission, plan_for
-from uavcover.flight.limits import limit_table, parameter_groups, read_parameters
+from tests.missions.compiled_routes import compiled, route
+from tests.planner.sites import make_site, ridge
+from uavcover.flight.limits import limit_table, parameter_groups, read_parameters, return_warnings
 from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, PlanNeeds, Precautions
 from uavcover.flight.parameter_rules import Weight
 from uavcover.flight.session import Session
 from uavcover.kernels.flight_time import Pace
+from uavcover.missions.return_advice import OwnReturns
 from uavcover.mock.faults import parse_fault
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 
@@ -305,3 +313,53 @@ def test_a_flight_that_the_vehicles_own_speeds_make_longer_is_a_warning() -> Non
     row = table(False, the_plan(), **slow)["flight time"]
     assert row.weight is Weight.WARNING
     assert "climb 0.6 of 4 m/s, descent 0.6 of 3 m/s" in row.matters
+
+
+ROUTE = route((20, 150, 160), (200, 150, 160), (260, 150, 80), (260, 50, 80), (200, 50, 80))
+
+
+def returns() -> OwnReturns:
+    site = make_site(
+        ridge(140.0, 100.0), vehicle={"return_height_m": 130.0},
+        limits={"max_climb_angle_deg": 80.0, "max_height_agl_m": 180.0},
+    )  # fmt: skip
+    return compiled(site, ROUTE).own_returns
+
+
+def test_the_plans_own_height_is_safe() -> None:
+    assert returns().advice({}).sentences == ()
+
+
+def test_the_vehicles_real_return_height_is_not() -> None:
+    advice = returns().advice({"RTL_ALT": 6000.0})
+    assert advice.return_height_m == 60.0
+    words = return_warnings(advice)
+    assert any("below the ground" in one and "from waypoint" in one for one in words)
+    assert "set the autopilot's return height to at least" in words[-1]
+    assert 115.0 < advice.needed_height_m <= 125.0
+
+
+def test_parameters_that_change_are_judged_again() -> None:
+    own = returns()
+    assert own.advice({"RTL_ALT": 13000.0}).sentences == ()
+    assert own.advice({"RTL_ALT": 13000.0, "FENCE_ENABLE": 1.0, "FENCE_ALT_MAX": 90.0}).sentences
+
+
+def test_rally_points_that_the_vehicle_holds_count() -> None:
+    own = returns()
+    beside = FramedPoint(*own_lat_lon(own, 230.0, 100.0), 40.0)
+    low = {"RTL_ALT": 6000.0}
+    assert own.advice(low).unsafe_waypoints == (2, 3, 4)
+    assert own.advice(low, rally=[beside]).unsafe_waypoints == (
+        4,
+    )  # where the point is farther than RALLY_LIMIT_KM, or home nearer
+    sunk = own.advice(
+        {"RTL_ALT": 13000.0, "RTL_ALT_FINAL": 500.0}, rally=[FramedPoint(*own_lat_lon(own, 140.0, 100.0), 120.0)]
+    )
+    assert any("descends" in one for one in sunk.sentences)
+
+
+def own_lat_lon(own: OwnReturns, east_m: float, north_m: float) -> tuple[float, float]:
+    assert own.site.frame is not None
+    lat, lon, _ = own.site.frame.geodetic_from_enu(np.array([[east_m, north_m, 0.0]]))
+    return float(lat[0]), float(lon[0])

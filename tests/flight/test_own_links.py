@@ -1,15 +1,22 @@
-"""Where vehicles are, as their scenario says."""
+"""Where vehicles are, as their scenario says, and the ground station that an ArduPilot minds."""
 
+import contextlib
 import dataclasses
 import json
 from pathlib import Path
 
 import pytest
 
+from mission_io.autopilots.autopilot import ARDUPILOT
+from mission_io.links.simulated import Conditions
+from tests.flight.scene import make_scene, mission
+from tests.flight.test_limits import the_plan
 from tests.planner.sites import make_site
 from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.errors import InputError
 from uavcover.flight.connect import VehiclePlace, given_places, links_of_run, links_of_scenario, require_different
+from uavcover.flight.monitor import open_vehicle
+from uavcover.model.outcome import Ending, EventKind, FlightFailedError
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.vehicle_areas import vehicle_scenario
@@ -143,3 +150,43 @@ def test_links_that_cannot_be(tables: str, words: str) -> None:
 def test_mocks_may_have_the_same_link() -> None:
     tables = '[[vehicle]]\nlink = "mock:"\n[[vehicle]]\nlink = "mock:"\nendurance_s = 900.0\n'
     assert [v.link for v in parse(GOOD.replace(VEHICLE, tables)).vehicles] == ["mock:", "mock:"]
+
+
+def enforcing(number: int = 250, **options):
+    scene = make_scene(ARDUPILOT, **options)
+    scene.upload(mission())
+    scene.vehicle.parameters.put("MAV_GCS_SYSID", float(number))
+    scene.vehicle.parameters.put("MAV_OPTIONS", 1.0)
+    return scene
+
+
+def test_a_vehicle_that_minds_another_station_is_refused_with_what_to_do():
+    with pytest.raises(FlightFailedError) as caught:
+        enforcing().fly()
+    assert caught.value.outcome.ending is Ending.NOT_ARMED
+    text = str(caught.value)
+    assert "vehicle 1 sends heartbeats, but does not answer this program (system 255); it may accept only" in text
+    assert "set --own-system to its MAV_GCS_SYSID" in text
+    assert "--yes" not in text
+
+
+def test_with_its_number_the_mission_is_flown():
+    scene = enforcing()
+    scene.client, scene.monitor = open_vehicle(scene.link, own_system=250)
+    assert scene.fly().ending is Ending.LANDED
+
+
+def test_a_station_that_is_not_minded_is_told_that_its_silence_does_not_count():
+    scene = enforcing()
+    scene.vehicle.parameters.put("MAV_OPTIONS", 0.0)
+    scene.vehicle.parameters.put("FS_GCS_ENABLE", 1.0)
+    plan = dataclasses.replace(the_plan(), needs=None)
+    with contextlib.suppress(FlightFailedError):  # the vehicle returns: it has not heard its own station since
+        scene.fly(plan=plan)
+    assert any("(MAV_GCS_SYSID), planned 255" in text for text in scene.told(EventKind.WARNING))
+
+
+def test_a_bad_link_is_no_deaf_vehicle():
+    scene = make_scene(ARDUPILOT, conditions=Conditions(delay_s=0.1, loss=0.2))
+    scene.upload(mission())
+    assert scene.fly().ending is Ending.LANDED

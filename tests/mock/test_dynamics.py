@@ -1,3 +1,5 @@
+"""The mock vehicle's motion, its battery against closed forms, and legs as routes of missions have them."""
+
 import math
 from itertools import pairwise
 
@@ -6,10 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission_io.wire import messages as m
+from tests.mock.bench import Bench
+from tests.sensing.flown_lines import places_when_passed
 from uavcover.mock.behaviour import Speeds
-from uavcover.mock.dynamics import Airframe, PointMass, WindField, WindModel
+from uavcover.mock.dynamics import Airframe, Battery, BatteryData, PointMass, WindField, WindModel, power_share
 from uavcover.mock.guidance import Stop, along_speed, passing_speeds, velocity_along, velocity_to
 from uavcover.mock.itinerary import Itinerary, Step, StepKind
+from uavcover.model.vehicle import MOTIONS, AutopilotName, PowerModel, Vehicle
 
 STEP_S = 0.02
 SPEEDS = Speeds(8.0, 3.0, 2.0)
@@ -221,3 +227,93 @@ def test_a_body_without_motors_falls():
     # One second of free fall with drag 0.2/s: v = g / k (1 - exp(-k t)).
     assert body.velocity_m_s[2] == pytest.approx(-9.80665 / 0.2 * (1.0 - math.exp(-0.2)), rel=0.01)
     assert body.position_m[0] > 0.2
+
+
+DATA = BatteryData(endurance_s=1200.0, hover_w=250.0)
+POWER = DATA.power
+
+
+def test_a_full_battery_hovers_for_its_endurance():
+    battery = Battery(DATA)
+    seconds = 0.0
+    while battery.remaining > 0.0:
+        battery.fly(1.0, airspeed_m_s=0.0, climb_m_s=0.0)
+        seconds += 1.0
+    assert seconds == pytest.approx(1200.0, abs=1.0)
+    assert power_share(0.0, 0.0, POWER) == pytest.approx(1.0)
+    assert battery.power_w == pytest.approx(250.0)
+
+
+def test_induced_speed_solves_glauerts_equation():
+    def bisected(airspeed_m_s: float) -> float:
+        """The induced speed v with v sqrt(V^2 + v^2) = v_h^2, by halving."""
+        low, high = 0.0, 6.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            if middle * math.sqrt(airspeed_m_s**2 + middle**2) < 36.0:
+                low = middle
+            else:
+                high = middle
+        return low
+
+    for airspeed in (0.0, 3.0, 8.0, 15.0):
+        drag = POWER.rotor_drag_1_s * airspeed**2 / 9.80665
+        expected = 0.03 + 0.97 * (bisected(airspeed) + drag) / 6.0
+        assert power_share(airspeed, 0.0, POWER) == pytest.approx(expected, rel=1e-9)
+
+
+def test_there_is_a_cheapest_speed_above_hovering():
+    shares = [power_share(0.5 * n, 0.0, POWER) for n in range(41)]
+    cheapest = 0.5 * shares.index(min(shares))
+    assert 3.0 < cheapest < 12.0
+    assert min(shares) < 0.9
+    assert shares[-1] > 1.0
+
+
+def test_climbing_costs_its_weight_and_descending_gives_a_part_back():
+    # Climbing at 3 m/s adds m g 3 W, hovering takes m g 6 W.
+    assert power_share(0.0, 3.0, POWER) == pytest.approx(1.0 + 0.97 * 0.5)
+    assert power_share(0.0, -3.0, POWER) == pytest.approx(1.0 - 0.97 * 0.15)
+
+
+def test_a_scenarios_longest_flight_leaves_a_fifth_of_the_charge():
+    assert BatteryData.for_vehicle(Vehicle(endurance_s=1200.0)).endurance_s == 1200.0
+    assert BatteryData.for_vehicle(Vehicle()) == BatteryData()
+
+
+def test_voltage_falls_with_charge_and_load():
+    battery = Battery(DATA)
+    idle_v = battery.voltage_v
+    battery.fly(1.0, airspeed_m_s=0.0, climb_m_s=3.0)
+    assert battery.voltage_v < idle_v
+    assert battery.current_a == pytest.approx(battery.power_w / battery.voltage_v)
+    battery.idle(1.0)
+    before = battery.voltage_v
+    battery.drop_to(0.2)
+    assert battery.voltage_v == pytest.approx(before - 4 * 0.8 * 0.8, abs=0.01)
+    battery.drop_to(0.9)
+    assert battery.remaining == 0.2
+
+
+@pytest.mark.parametrize("make", [lambda: BatteryData(endurance_s=0.0), lambda: Battery(DATA, remaining=0.0)])
+def test_impossible_batteries_are_refused(make):
+    with pytest.raises(ValueError, match=r"endurance_s|remaining"):
+        make()
+
+
+def test_without_electronics_nothing_is_drawn_on_the_ground():
+    battery = Battery(BatteryData(endurance_s=1200.0, power=PowerModel(idle_share=0.0)))
+    battery.idle(100.0)
+    assert (battery.remaining, battery.time_left_s) == (1.0, math.inf)
+    bench = Bench(battery=battery.data)
+    bench.run(6.0)
+    assert bench.heard(m.BatteryStatus)[-1].time_left_s is None
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_waypoint_may_stand_twice(autopilot: AutopilotName) -> None:
+    """It does where pictures by distance begin; the vehicle of PX4 was divided by the length of the leg between the two."""
+    points = np.array([(0, 0, 60), (80, 0, 60), (80, 0, 60), (80, 40, 70), (80, 40, 70), (0, 40, 70)], dtype=float)
+    passed = places_when_passed(MOTIONS[autopilot], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
+    assert len(passed) == 5
+    assert np.linalg.norm(passed - points[1:], axis=1).max() < 3.0
