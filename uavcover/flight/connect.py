@@ -21,12 +21,12 @@ from mission_io.protocol.timing import Timing
 from mission_io.wire.messages import ExtendedSysState, GlobalPositionInt
 from uavcover.errors import InputError
 from uavcover.flight.arming import check_home as check_home_of
-from uavcover.flight.client import require_answers, require_multirotor
 from uavcover.flight.fly import fly as fly_plan
 from uavcover.flight.follow import PlanReturn
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.orders import FlightPlan, FlightTimeouts, OperatingVolume, Orders, PlanNeeds
 from uavcover.flight.session import Session
+from uavcover.flight.vehicle_checks import require_answers, require_multirotor
 from uavcover.flight.vehicle_terrain import answer_from_site
 from uavcover.missions.flight_costs import way_home
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_return

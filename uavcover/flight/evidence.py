@@ -20,9 +20,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+from mission_io.client.client import Client
 from mission_io.model.enums import AutopilotId, EkfFlag, Severity
 from mission_io.wire import messages as m
-from uavcover.flight.client import VehicleClient
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.tuning import EVIDENCE, WATCH
 from uavcover.model.outcome import Ending
@@ -38,7 +38,7 @@ class Evidence:
     A gap is a silence of the vehicle, or a pause of this process: both show as time between two messages.
     """
 
-    def __init__(self, client: VehicleClient, monitor: Monitor) -> None:
+    def __init__(self, client: Client, monitor: Monitor) -> None:
         self._client, self._monitor = client, monitor
         self._gap_ended_s = monitor.gap_ended_at_s
         self._asked_s: dict[int, float] = {}
@@ -214,7 +214,7 @@ def cause_in(text: str, *, severity: int = Severity.WARNING) -> Ending | None:
 class Causes:
     """Collects evidence while a vehicle flies."""
 
-    def __init__(self, client: VehicleClient, monitor: Monitor) -> None:
+    def __init__(self, client: Client, monitor: Monitor) -> None:
         self._client, self._monitor = client, monitor
         self._signs: deque[Sign] = deque(maxlen=WATCH.most_signs)
         self._lasting: dict[Ending, Sign] = {}

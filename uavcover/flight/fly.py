@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from mission_io.autopilots.flight_modes import Mode
+from mission_io.client.client import Client
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
 from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
@@ -16,7 +17,6 @@ from uavcover.flight.arming import (
     request_telemetry,
     wait_until_ready,
 )
-from uavcover.flight.client import VehicleClient, require_answers, require_multirotor, simulated_by
 from uavcover.flight.follow import PlanReturn, follow_mission, follow_taken, return_home
 from uavcover.flight.limits import AppliedLimits, tell_own_returns, tell_returns_by
 from uavcover.flight.monitor import Monitor
@@ -26,6 +26,7 @@ from uavcover.flight.progress import MissionProgress
 from uavcover.flight.schedule import tell_short_battery
 from uavcover.flight.session import Session, Stopped, TakenOverError
 from uavcover.flight.tuning import PREPARATION, RECORDS
+from uavcover.flight.vehicle_checks import require_answers, require_multirotor, simulated_by
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightFaultError, FlightOutcome
 from uavcover.model.track import VELOCITY_COLUMNS, TrackSample
@@ -33,7 +34,7 @@ from uavcover.terrain.frames import LocalFrame
 
 
 def fly(
-    client: VehicleClient, monitor: Monitor, plan: FlightPlan, orders: Orders, *, plan_return: PlanReturn
+    client: Client, monitor: Monitor, plan: FlightPlan, orders: Orders, *, plan_return: PlanReturn
 ) -> FlightOutcome:
     """Fly the mission that a vehicle on the ground holds, and record the flight.
 
@@ -133,7 +134,7 @@ class Recorder:
 class FlightRun:
     """State that every flight needs from its start to its end, from the ground or from the air."""
 
-    def __init__(self, client: VehicleClient, monitor: Monitor, orders: Orders) -> None:
+    def __init__(self, client: Client, monitor: Monitor, orders: Orders) -> None:
         self.orders = orders
         self.session = Session(
             client,

@@ -9,11 +9,11 @@ import numpy as np
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.autopilots.flight_modes import Mode
+from mission_io.client.client import Client
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
 from uavcover.flight.arming import check_home_position, check_telemetry, request_telemetry
-from uavcover.flight.client import VehicleClient, custom_mode
 from uavcover.flight.connect import Connected, checked_return, flight_plan
 from uavcover.flight.fly import FlightRun
 from uavcover.flight.follow import PlanReturn, follow_mission, hold
@@ -21,6 +21,7 @@ from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightPlan, Orders
 from uavcover.flight.progress import ResumePoint, along_leg_m, find_resume_point, remaining_route
 from uavcover.flight.session import Session, Stopped, TakenOverError, first_seq, fly_from_item, hold_mode
+from uavcover.flight.vehicle_checks import custom_mode
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_continuation
 from uavcover.missions.mission_files import compile_plan
@@ -147,7 +148,7 @@ PlanContinuation = Callable[[float, float, float], Continuation]
 
 
 def take_over(
-    client: VehicleClient,  # talks to the vehicle
+    client: Client,  # talks to the vehicle
     monitor: Monitor,  # receives everything that the client receives
     plan_continuation: PlanContinuation,  # plans the checked way on from where the vehicle holds
     orders: Orders,  # what the user wants, and who receives the events

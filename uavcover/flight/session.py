@@ -6,17 +6,18 @@ from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.flight_modes import Mode, mode_from_custom
+from mission_io.client.client import Client
 from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentError, WaitCancelledError
 from mission_io.model.enums import AutopilotId, CommandResult, MissionState, Severity
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from mission_io.wire.messages import MissionCurrent, MissionSetCurrent
-from uavcover.flight.client import VehicleClient, custom_mode
 from uavcover.flight.evidence import Evidence
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightTimeouts, OnBreach
 from uavcover.flight.parameter_rules import Limit
 from uavcover.flight.tuning import FOLLOWING, PREPARATION
+from uavcover.flight.vehicle_checks import custom_mode
 from uavcover.flight.watch import Watch
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
 
@@ -53,7 +54,7 @@ class Session:
 
     def __init__(
         self,
-        client: VehicleClient,  # talks to the vehicle
+        client: Client,  # talks to the vehicle
         monitor: Monitor,  # hears what the client hears
         *,
         timeouts: FlightTimeouts,  # how long to wait for what

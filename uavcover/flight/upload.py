@@ -13,12 +13,12 @@ from mission_io.client.commands import name_of
 from mission_io.client.transfer_outcome import ReadBack
 from mission_io.errors import TransferError, TransferInterrupted
 from mission_io.model.plain_text import counted
-from uavcover.flight.client import require_multirotor
 from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, require_home
 from uavcover.flight.limits import read_return_parameters, return_warnings
 from uavcover.flight.orders import FlightTimeouts
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import PREPARATION
+from uavcover.flight.vehicle_checks import require_multirotor
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan
 from uavcover.model.route import Route

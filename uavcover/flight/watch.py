@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from mission_io.client.client import Client
 from mission_io.model.enums import AutopilotId, EkfFlag, GpsFix
 from mission_io.wire import messages as m
-from uavcover.flight.client import VehicleClient
 from uavcover.flight.evidence import Cause, Causes
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightTimeouts
@@ -103,7 +103,7 @@ class Watch:
 
     def __init__(
         self,
-        client: VehicleClient,  # hears the vehicle
+        client: Client,  # hears the vehicle
         monitor: Monitor,  # hears what the client hears
         timeouts: FlightTimeouts,  # how long silence may be
         tell: Callable[[EventKind, str], None],  # receives every report
