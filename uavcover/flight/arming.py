@@ -97,7 +97,7 @@ def _request(session: Session, streams: Mapping[type[m.Message], _Stream]) -> No
             session.client.request_message_interval(kind, stream.interval_s)
         except CommandRefusedError as error:
             text = f"{kind.__name__} every {stream.interval_s:g} s: the vehicle answered {error.result_name}"
-            session.tell(EventKind.WARNING, text)
+            session.warn(text)
 
 
 def _rare(session: Session, streams: Mapping[type[m.Message], _Stream]) -> dict[type[m.Message], float]:

@@ -255,13 +255,13 @@ class FlightRun:
                     clear=self.orders.clearance.may_go_home,
                 )  # fmt: skip
             except TakenOverError as error:
-                session.tell(EventKind.WARNING, str(error), alarm=True)
+                session.alarm(str(error))
                 if error.ending is Ending.STATE_UNKNOWN:
                     self._wait_until_known()
                     continue
                 again, why = False, FlightFaultError(error.ending, str(error))
             except VehicleSilentError as error:
-                session.tell(EventKind.WARNING, f"{error}; uavcover still records the flight", alarm=True)
+                session.alarm(f"{error}; uavcover still records the flight")
                 again, why = True, FlightFaultError(Ending.FAILED, str(error))
             landed = not session.client.vehicle.armed
             stops = max(stops, session.stop())
@@ -365,7 +365,7 @@ def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanRetur
         except TakenOverError as error:
             if not session.client.vehicle.armed:
                 raise
-            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it: a pilot may fly it
+            session.alarm(str(error))  # and follow it: a pilot may fly it
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)

@@ -326,7 +326,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
     except FlightFaultError as error:
         if error.ending is not Ending.FAILED:
             raise
-        session.tell(EventKind.WARNING, f"{error}; returning anyway", alarm=True)  # as in a strong wind
+        session.alarm(f"{error}; returning anyway")  # as in a strong wind
     if session.stop() > stops:
         raise _LeftHoldingError(_ASKED)
     here = session.monitor.latest(m.GlobalPositionInt)

@@ -141,7 +141,7 @@ class Follower:
             if self._hold is not None and self.is_ours and session.monitor.on_ground is not True:
                 self._look_at_hold(self._hold)
         except TakenOverError as error:
-            session.tell(EventKind.WARNING, str(error), alarm=True)
+            session.alarm(str(error))
         if session.evidence.current:
             self._look_at_mode()
             if session.client.vehicle.armed:
@@ -245,14 +245,10 @@ class Follower:
         try:
             session.steer(lambda: set_mode(session, mode), while_in=[Mode.MISSION, mode])
         except CommandRefusedError as error:
-            session.tell(EventKind.WARNING, f"the vehicle refused the command to {what}: {error}", alarm=True)
+            session.alarm(f"the vehicle refused the command to {what}: {error}")
             return False
         except VehicleSilentError as error:
-            session.tell(
-                EventKind.WARNING,
-                f"the vehicle did not follow the command to {what}: {error}",
-                alarm=True,
-            )
+            session.alarm(f"the vehicle did not follow the command to {what}: {error}")
             return False
         return True
 
@@ -287,7 +283,7 @@ class Follower:
             session.watch.open(Ending.FAILED, str(error))
             raise Stopped(Ending.FAILED) from error
         except (CommandRefusedError, VehicleSilentError) as error:
-            session.tell(EventKind.WARNING, f"the mission was not continued: {error}", alarm=True)
+            session.alarm(f"the mission was not continued: {error}")
             return False
         session.tell(EventKind.STOP, text)
         self._going_on, self._hold = Timer(session, FOLLOWING.going_on_s), None
@@ -353,9 +349,7 @@ class Follower:
         problem = None if self._progress is None else self._progress.line_problem()
         if problem is not None:
             self._declined = pressed
-            session.tell(
-                EventKind.WARNING, f"the mission was not continued: {problem}; press Ctrl-C to return", alarm=True
-            )
+            session.alarm(f"the mission was not continued: {problem}; press Ctrl-C to return")
             return
         if not self._goes_on("the vehicle continues its mission"):
             self._declined = pressed
@@ -399,9 +393,7 @@ class Follower:
                 session.steer(lambda: send_disarm(session), while_in=ours)
             except (TakenOverError, CommandRefusedError, VehicleSilentError) as error:
                 if session.client.vehicle.armed:
-                    session.tell(
-                        EventKind.WARNING, f"the vehicle is on the ground and still armed: {error}", alarm=True
-                    )
+                    session.alarm(f"the vehicle is on the ground and still armed: {error}")
             self._landed.restart()
 
 

@@ -309,7 +309,7 @@ class AppliedLimits:
             self._read(plan)
         for row in self.rows:
             if row.weight is Weight.WARNING:
-                self._session.tell(EventKind.WARNING, row.sentence)
+                self._session.warn(row.sentence)
         refused = next((row for row in self.rows if row.weight is Weight.REFUSED), None)
         if refused is not None:
             advice = "plan a shorter flight" if not refused.parameter else "set the parameter"
@@ -343,9 +343,7 @@ class AppliedLimits:
         self._precautions.keep(left)
         if left:
             text = ", ".join(f"{name} was {number:g}" for name, number in left.items())
-            session.tell(
-                EventKind.WARNING, f"some parameters on the vehicle remain changed ({why}): {text}", alarm=True
-            )
+            session.alarm(f"some parameters on the vehicle remain changed ({why}): {text}")
         else:
             session.tell(EventKind.STAGE, "restored the vehicle's previous parameters")
 
@@ -370,7 +368,7 @@ class AppliedLimits:
         wanted = {name: row.wanted for name, row in changes.items() if row.wanted is not None and name in old}
         text = ", ".join(f"{name} {old[name]:g} -> {number:g}" for name, number in wanted.items())
         if not self._precautions.agree(f"parameters to set for this flight and restore afterwards: {text}"):
-            session.tell(EventKind.WARNING, f"the parameters were not changed: {text}")
+            session.warn(f"the parameters were not changed: {text}")
             return
         self._before = {name: old[name] for name in wanted}
         self._precautions.keep(self._before)
@@ -378,7 +376,7 @@ class AppliedLimits:
             try:
                 set_parameter(session, name, number)
             except MissionIoError as error:
-                session.tell(EventKind.WARNING, f"cannot set the parameter {name}: {error}")
+                session.warn(f"cannot set the parameter {name}: {error}")
         session.tell(EventKind.STAGE, f"parameters set for this flight: {text}")
 
 
@@ -399,7 +397,7 @@ def tell_returns_by(session: Session, returns: OwnReturns, parameters: Mapping[s
     """Warn of every unsafe interval of the vehicle's own returns by these parameters, as when they change in flight."""
     advice = returns.advice(parameters)
     for words in return_warnings(advice):
-        session.tell(EventKind.WARNING, words)
+        session.warn(words)
     return advice
 
 

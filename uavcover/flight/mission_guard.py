@@ -18,7 +18,7 @@ from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Timer
 from uavcover.flight.tuning import GUARD
 from uavcover.flight.vehicle_checks import custom_mode
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.model.outcome import Ending, FlightFaultError
 
 
 class ListReading:
@@ -100,7 +100,7 @@ class ListReading:
             return None
         now = session.client.clock.now()
         if self._failures:
-            session.tell(EventKind.WARNING, f"uavcover can read back the {self._name} again")
+            session.warn(f"uavcover can read back the {self._name} again")
         self._failures = 0
         self._rest_until_s = now + (now - began_s) / GUARD.busy_share
         self._not_before_s = now + max(1.0, now - began_s)
@@ -117,9 +117,7 @@ class ListReading:
     def _note_failure(self, why: str) -> None:
         """Try again later; report the first failure."""
         if not self._failures:
-            self._session.tell(
-                EventKind.WARNING, f"cannot read back the {self._name} in flight: {why}; uavcover keeps trying"
-            )
+            self._session.warn(f"cannot read back the {self._name} in flight: {why}; uavcover keeps trying")
         self._not_before_s = self._session.client.clock.now() + GUARD.again_s * 2.0 ** min(self._failures, 4)
         self._failures += 1
         self.asked = True
@@ -220,7 +218,7 @@ class MissionGuard:
         try:
             self._read_back()
         except FlightFaultError as error:
-            self._session.tell(EventKind.WARNING, f"cannot read back the mission after the landing: {error}")
+            self._session.warn(f"cannot read back the mission after the landing: {error}")
 
     def _look_at_total(self) -> None:
         current = self._session.monitor.latest(m.MissionCurrent)
@@ -346,9 +344,7 @@ class MissionGuard:
         if difference is not None and difference != self._found:
             self._found = difference
             if watch.is_open(Ending.MISSION_CHANGED):
-                self._session.tell(
-                    EventKind.WARNING, f"further change to the vehicle's mission: {difference}", alarm=True
-                )
+                self._session.alarm(f"further change to the vehicle's mission: {difference}")
             else:
                 place = f"{sign}: " if sign else ""
                 self._changed(f"{place}another station changed the mission in flight: {difference}")

@@ -15,7 +15,7 @@ from uavcover.flight.orders import FlightPlan
 from uavcover.flight.session import Session, Timer
 from uavcover.flight.tuning import FALL, FOLLOWING, PREPARATION
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.model.outcome import Ending, FlightFaultError
 from uavcover.terrain.frames import LocalFrame
 
 
@@ -91,7 +91,7 @@ class HomeWatch:
         if aside_m > FOLLOWING.aside_m:
             text += "; the autopilot's own return ends at the new home, along an unchecked path"
         if self._plan.is_way_home and abs(up) <= PREPARATION.home_slack_m:  # its items stand where they stood
-            self._session.tell(EventKind.WARNING, f"{text}; this does not affect the return", alarm=True)
+            self._session.alarm(f"{text}; this does not affect the return")
             return None, ""
         return math.hypot(aside_m, up), text
 

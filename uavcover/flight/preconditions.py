@@ -138,7 +138,7 @@ class Preconditions:
     def _tell_once(self, text: str) -> None:
         if text not in self._told:
             self._told.add(text)
-            self._session.tell(EventKind.WARNING, text, alarm=True)
+            self._session.alarm(text)
 
 
 class _SettingsWatch:
@@ -204,11 +204,7 @@ class _SettingsWatch:
             many = PREPARATION.most_unanswered
             text = f"vehicle {vehicle.system_id} sends messages but did not answer {many} consecutive requests"
             session.watch.unanswered = text
-            session.tell(
-                EventKind.WARNING,
-                f"{text}; the link may be lost, or the vehicle accepts only another ground station",
-                alarm=True,
-            )
+            session.alarm(f"{text}; the link may be lost, or the vehicle accepts only another ground station")
         self._unanswered += 1
         session.client.send(m.ParamRequestRead(*vehicle.address, name))
 
@@ -287,7 +283,7 @@ class _ListWatch:
             self._before: tuple[MissionItem, ...] | None = session.client.download(mission_type)
         except (MissionIoError, FormatError) as error:
             self._before = None
-            session.tell(EventKind.WARNING, f"the vehicle's {self.name} not monitored, because reading failed: {error}")
+            session.warn(f"the vehicle's {self.name} not monitored, because reading failed: {error}")
         self._reading: ListReading | None = None
         self._signs = self._signs_now
 
@@ -317,7 +313,7 @@ class _ListWatch:
         self._plan, self._returns_changed = plan, lambda: None
         if self.text and self._reading is not None and self._type is MissionType.FENCE:
             problem = self._consequence(self._reading.held)
-            self._session.tell(EventKind.WARNING, f"the fence was changed in flight: {problem}", alarm=True)
+            self._session.alarm(f"the fence was changed in flight: {problem}")
 
     def look_once_more(self) -> None:
         """Read it after the landing; a vehicle that is switched off by then is not asked."""

@@ -211,7 +211,7 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
         try:
             fly_from_item(session, first_seq(session) + onward.first_item)
         except TakenOverError as error:
-            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it to the ground
+            session.alarm(str(error))  # and follow it to the ground
         session.watch.take_off()
         session.tell(EventKind.STAGE, "continuing the mission")
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)

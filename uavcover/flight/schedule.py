@@ -14,7 +14,7 @@ from uavcover.flight.session import Session
 from uavcover.flight.tuning import RESERVE, SCHEDULE
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
-from uavcover.model.outcome import Ending, EventKind
+from uavcover.model.outcome import Ending
 from uavcover.model.vehicle import Vehicle
 
 # Battery use of a flight: whether the charge lasts for the rest of the mission, or only for the return.
@@ -130,11 +130,9 @@ def tell_short_battery(session: Session, plan: FlightPlan) -> None:
         return
     used, reserve = 100.0 * table.total_s / vehicle.endurance_s, 100.0 * vehicle.reserve_fraction
     if left + RESERVE.rounding_percent < used + reserve:
-        session.tell(
-            EventKind.WARNING,
-            f"the battery has {left} % left, but the mission uses about {used:.0f} % and the reserve is {reserve:.0f} %: the "
-            "vehicle may return before it is done; change or charge the battery",
-            alarm=True,
+        session.alarm(
+            f"the battery has {left} % left, but the mission uses about {used:.0f} % and the reserve is {reserve:.0f} %: "
+            "the vehicle may return before it is done; change or charge the battery"
         )
 
 

@@ -72,9 +72,7 @@ class Session:
         self._on_event = on_event
         self._recent_warnings: deque[str] = deque(maxlen=3)
         self.evidence = Evidence(client, monitor)
-        self.watch = Watch(
-            client, monitor, timeouts, self.tell, lambda text: self.tell(EventKind.WARNING, text, alarm=True)
-        )
+        self.watch = Watch(client, monitor, timeouts, self.tell, self.alarm)
 
     @property
     def autopilot(self) -> Autopilot:
@@ -144,6 +142,14 @@ class Session:
     def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None, alarm: bool = False) -> None:
         """Pass on an event."""
         self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint, alarm))
+
+    def warn(self, text: str) -> None:
+        """Report a warning."""
+        self.tell(EventKind.WARNING, text)
+
+    def alarm(self, text: str) -> None:
+        """Report a warning that is also sounded."""
+        self.tell(EventKind.WARNING, text, alarm=True)
 
     def tell_limits(self, head: str, rows: Sequence[Limit]) -> None:
         """Pass on the table of limits, line by line; its head has all rows as values."""

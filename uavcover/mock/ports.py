@@ -4,7 +4,7 @@ import logging
 import select
 import socket
 from collections.abc import Iterable, Iterator
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from mission_io.clock import MonotonicClock
 from mission_io.errors import LinkError
@@ -194,31 +194,8 @@ Place = tuple[str, int]
 """Host and port of a ground station."""
 
 
-class Port(Protocol):
-    """A bound port that receives and sends datagrams or frames without waiting."""
-
-    @property
-    def number(self) -> int:
-        """The port that was bound."""
-
-    def wait(self, timeout_s: float) -> None:
-        """Wait for data, at most until the timeout."""
-
-    def newcomers(self) -> list[Place]:
-        """Addresses that connected since the last call."""
-
-    def take(self) -> Iterator[tuple[Place, bytes]]:
-        """Received frames, each with its address."""
-
-    def send(self, place: Place, data: bytes) -> None:
-        """Send to an address; refused data is lost."""
-
-    def close(self) -> None:
-        """Let go of the port."""
-
-
-class _BoundPort:
-    """A socket that is bound. Raises VehicleError: it cannot be bound."""
+class Port:
+    """A bound port that receives and sends datagrams or frames without waiting. Raises VehicleError: it cannot be bound."""
 
     def __init__(self, kind: socket.SocketKind, host: str, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, kind)
@@ -240,24 +217,32 @@ class _BoundPort:
         number: int = self._socket.getsockname()[1]
         return number
 
+    def wait(self, timeout_s: float) -> None:
+        """Wait for data, at most until the timeout."""
+        select.select([self._socket], [], [], timeout_s)
+
+    def newcomers(self) -> list[Place]:
+        """Addresses that connected since the last call; UDP has no connections."""
+        return []
+
+    def take(self) -> Iterator[tuple[Place, bytes]]:
+        """Received frames, each with its address."""
+        raise NotImplementedError
+
+    def send(self, place: Place, data: bytes) -> None:
+        """Send to an address; refused data is lost."""
+        raise NotImplementedError
+
     def close(self) -> None:
         """Let go of the port."""
         self._socket.close()
 
 
-class UdpPort(_BoundPort):
-    """A UDP port. Raises VehicleError: it cannot be bound."""
+class UdpPort(Port):
+    """A UDP port."""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__(socket.SOCK_DGRAM, host, port)
-
-    def wait(self, timeout_s: float) -> None:
-        """Wait for a datagram, at most until the timeout."""
-        select.select([self._socket], [], [], timeout_s)
-
-    def newcomers(self) -> list[Place]:
-        """None: UDP has no connections."""
-        return []
 
     def take(self) -> Iterator[tuple[Place, bytes]]:
         """The datagrams that are here."""
@@ -280,8 +265,8 @@ class UdpPort(_BoundPort):
             _log.debug("cannot send to %s:%d: %s", *place, error)
 
 
-class TcpPort(_BoundPort):
-    """A TCP port with the connections that were made to it. Raises VehicleError: it cannot be bound."""
+class TcpPort(Port):
+    """A TCP port with the connections that were made to it."""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__(socket.SOCK_STREAM, host, port)
