@@ -41,9 +41,8 @@ from scripts.options import file_to_write
 from tests.disturbances import ALWAYS, GOOD, KINDS, Act
 from uavcover.flight.connect import Connected, fly, require_home
 from uavcover.flight.monitor import open_vehicle
-from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions
+from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions, custom_mode
 from uavcover.flight.upload import upload
-from uavcover.flight.vehicle_checks import custom_mode
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.objectives import judge_member

@@ -45,7 +45,7 @@ from sitl_tests.returns import (
 )
 from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.running import Start, StartRequest
-from uavcover.flight.vehicle_checks import custom_mode
+from uavcover.flight.orders import custom_mode
 from uavcover.model.vehicle import AutopilotName
 
 _SPEEDS: Final = MappingProxyType({"arducopter": 8.0, "px4": 4.0})

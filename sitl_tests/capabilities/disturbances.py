@@ -13,8 +13,7 @@ from sitl_tests.errors import require
 from sitl_tests.flying import Path, fly_mission, frame_at
 from sitl_tests.missions import HEIGHT_M, SPEED_M_S, route_mission
 from sitl_tests.relay import Relay
-from uavcover.flight.orders import FlightPlan, OnBreach, OperatingVolume, PlanNeeds
-from uavcover.flight.vehicle_checks import custom_mode
+from uavcover.flight.orders import FlightPlan, OnBreach, OperatingVolume, PlanNeeds, custom_mode
 from uavcover.kernels.flight_time import Pace
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 

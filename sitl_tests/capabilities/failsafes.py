@@ -8,7 +8,7 @@ from sitl_tests.errors import require
 from sitl_tests.flying import fly_mission, require_at_home
 from sitl_tests.missions import fence_around, rally_points, route_mission
 from sitl_tests.relay import Relay
-from uavcover.flight.vehicle_checks import custom_mode
+from uavcover.flight.orders import custom_mode
 from uavcover.model.outcome import Ending, EventKind, FlightEvent
 
 _FENCE_HALF_WIDTH_M = 60.0

@@ -24,8 +24,8 @@ from sitl_tests.matrix import WORKS
 from sitl_tests.missions import DIAMOND_M, FIRST_WAYPOINT_ITEM, route_mission
 from uavcover.flight.arming import request_telemetry, wait_until_ready
 from uavcover.flight.follow import hold
+from uavcover.flight.orders import custom_mode
 from uavcover.flight.session import first_seq, fly_from_item, hold_mode, set_mode
-from uavcover.flight.vehicle_checks import custom_mode
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 
 _ARM_TRIES = 10

@@ -20,7 +20,7 @@ from sitl_tests.missions import long_mission, route_mission
 from sitl_tests.relay import Relay
 from uavcover.extras.mavsdk.session import raw_items
 from uavcover.flight.arming import request_telemetry, wait_until_ready
-from uavcover.flight.vehicle_checks import custom_mode
+from uavcover.flight.orders import custom_mode
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.model.outcome import Ending, EventKind, FlightEvent
 

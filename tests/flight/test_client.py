@@ -21,7 +21,7 @@ from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from tests.flight.scene import make_scene, mission
 from uavcover.errors import VehicleError
-from uavcover.flight.vehicle_checks import custom_mode, simulated_by
+from uavcover.flight.orders import custom_mode, simulated_by
 from uavcover.mock import reactions
 from uavcover.mock import vehicle as mock_vehicle
 from uavcover.mock.behaviour import FLIGHT
@@ -42,7 +42,7 @@ from uavcover.model.outcome import Ending, EventKind, FlightFailedError
 )
 @pytest.mark.parametrize("tells_version", [True, False])
 def test_parameters_tell_when_the_uid_does_not(autopilot, name, value, expected, tells_version, monkeypatch):
-    monkeypatch.setattr("uavcover.flight.vehicle_checks.MOCK_UID", 42)
+    monkeypatch.setattr("uavcover.flight.orders.MOCK_UID", 42)
     if not tells_version:
         monkeypatch.setitem(reactions._HANDLERS, 512, lambda *_: CommandResult.UNSUPPORTED)
 

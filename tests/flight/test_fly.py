@@ -24,8 +24,7 @@ from tests.flight.scene import (
 )
 from uavcover.errors import VehicleError
 from uavcover.flight.fly import fly
-from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions
-from uavcover.flight.vehicle_checks import custom_mode
+from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions, custom_mode
 from uavcover.mock.behaviour import quick
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.flight_control import FlightControl
@@ -216,7 +215,7 @@ def test_refused_arming_has_its_result_and_the_vehicles_reason(autopilot, monkey
 
 
 def test_a_vehicle_that_may_be_real_needs_the_users_word(monkeypatch):
-    monkeypatch.setattr("uavcover.flight.vehicle_checks.MOCK_UID", 42)
+    monkeypatch.setattr("uavcover.flight.orders.MOCK_UID", 42)
     scene = ready_scene()
     refused(scene, "vehicle 1 may be a real vehicle, so no command")
     assert scene.fly(confirmed=True).simulated_by is None

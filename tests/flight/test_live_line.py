@@ -11,7 +11,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.autopilots.flight_modes import Mode
 from mission_io.wire import messages as m
 from uavcover.flight.flight_log import LiveLine
-from uavcover.flight.vehicle_checks import custom_mode
+from uavcover.flight.orders import custom_mode
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.scenario.site import Site, load_site

@@ -9,7 +9,7 @@ from mission_io.model.items import Command, Frame, MissionItem, MissionType, tak
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message, message_from_item
 from tests.flight.scene import HOME, above_home, mock_vehicle
-from uavcover.flight.vehicle_checks import custom_mode
+from uavcover.flight.orders import custom_mode
 
 
 class Bench:

@@ -13,7 +13,7 @@ from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
 from tests.flight.scene import HOME, above_home
 from tests.mock.bench import Bench, go, ready, up_there
-from uavcover.flight.vehicle_checks import custom_mode
+from uavcover.flight.orders import custom_mode
 from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.telemetry import MOCK_UID

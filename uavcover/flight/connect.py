@@ -24,9 +24,16 @@ from uavcover.flight.arming import check_home as check_home_of
 from uavcover.flight.fly import fly as fly_plan
 from uavcover.flight.follow import PlanReturn
 from uavcover.flight.monitor import Monitor, open_vehicle
-from uavcover.flight.orders import FlightPlan, FlightTimeouts, OperatingVolume, Orders, PlanNeeds
+from uavcover.flight.orders import (
+    FlightPlan,
+    FlightTimeouts,
+    OperatingVolume,
+    Orders,
+    PlanNeeds,
+    require_answers,
+    require_multirotor,
+)
 from uavcover.flight.session import Session
-from uavcover.flight.vehicle_checks import require_answers, require_multirotor
 from uavcover.flight.vehicle_terrain import answer_from_site
 from uavcover.missions.flight_costs import way_home
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_return

@@ -20,13 +20,12 @@ from uavcover.flight.arming import (
 from uavcover.flight.follow import PlanReturn, follow_mission, follow_taken, return_home
 from uavcover.flight.limits import AppliedLimits, tell_own_returns, tell_returns_by
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.orders import FlightPlan, FlightTimeouts, Orders
+from uavcover.flight.orders import FlightPlan, FlightTimeouts, Orders, require_answers, require_multirotor, simulated_by
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.schedule import tell_short_battery
 from uavcover.flight.session import Session, Stopped, TakenOverError
 from uavcover.flight.tuning import PREPARATION, RECORDS
-from uavcover.flight.vehicle_checks import require_answers, require_multirotor, simulated_by
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightFaultError, FlightOutcome
 from uavcover.model.track import VELOCITY_COLUMNS, TrackSample

@@ -13,11 +13,10 @@ from mission_io.errors import FormatError, MissionIoError, TransferCancelledErro
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted
 from mission_io.wire import messages as m
-from uavcover.flight.orders import FlightPlan, OperatingVolume
+from uavcover.flight.orders import FlightPlan, OperatingVolume, custom_mode
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Timer
 from uavcover.flight.tuning import GUARD
-from uavcover.flight.vehicle_checks import custom_mode
 from uavcover.model.outcome import Ending, FlightFaultError
 
 

@@ -18,10 +18,9 @@ from uavcover.flight.connect import Connected, checked_return, flight_plan
 from uavcover.flight.fly import FlightRun
 from uavcover.flight.follow import PlanReturn, follow_mission, hold
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.orders import FlightPlan, Orders
+from uavcover.flight.orders import FlightPlan, Orders, custom_mode
 from uavcover.flight.progress import ResumePoint, along_leg_m, find_resume_point, remaining_route
 from uavcover.flight.session import Session, Stopped, TakenOverError, first_seq, fly_from_item, hold_mode
-from uavcover.flight.vehicle_checks import custom_mode
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_continuation
 from uavcover.missions.mission_files import compile_plan

@@ -14,10 +14,9 @@ from mission_io.wire import messages as m
 from mission_io.wire.messages import MissionCurrent, MissionSetCurrent
 from uavcover.flight.evidence import Evidence
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.orders import FlightTimeouts, OnBreach
+from uavcover.flight.orders import FlightTimeouts, OnBreach, custom_mode
 from uavcover.flight.parameter_rules import Limit
 from uavcover.flight.tuning import FOLLOWING, PREPARATION
-from uavcover.flight.vehicle_checks import custom_mode
 from uavcover.flight.watch import Watch
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
 

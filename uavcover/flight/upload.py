@@ -15,10 +15,9 @@ from mission_io.errors import TransferError, TransferInterrupted
 from mission_io.model.plain_text import counted
 from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, require_home
 from uavcover.flight.limits import read_return_parameters, return_warnings
-from uavcover.flight.orders import FlightTimeouts
+from uavcover.flight.orders import FlightTimeouts, require_multirotor
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import PREPARATION
-from uavcover.flight.vehicle_checks import require_multirotor
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan
 from uavcover.model.route import Route

@@ -7,8 +7,8 @@ from typing import Any
 
 from uavcover.errors import InputError, VehicleError
 from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, require_home
+from uavcover.flight.orders import require_multirotor
 from uavcover.flight.upload import send_and_compare
-from uavcover.flight.vehicle_checks import require_multirotor
 from uavcover.missions.mission_files import compile_plan
 from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
