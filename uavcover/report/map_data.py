@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ def map_data(content: ReportContent) -> dict[str, Any]:
             for number, route_m in enumerate(content.sorties_m)
         ],
         "cellBounds": rounded(np.array(cells_bounds_m(content.coverage))),
-        "cells": [layer_data(layer) for layer in cell_layers(content)],
+        "cells": [asdict(layer) for layer in cell_layers(content)],
         "pictures": _pictures(content),
         "tracks": [_track(flight, number) for number, flight in enumerate(content.flights)],
         "gaps": [] if verdict is None else gap_data(verdict.report.gaps),
@@ -104,16 +105,6 @@ def zone_data(zone: Zone) -> dict[str, Any]:
         "name": zone.name,
         "heights": zone.heights_in_words(),
         "rings": [rounded(r) for r in rings_of(zone.outline)],
-    }
-
-
-def layer_data(layer: Any) -> dict[str, Any]:
-    """A layer of cells as the script takes it."""
-    return {
-        "key": layer.key,
-        "title": layer.title,
-        "image": layer.image,
-        "legend": [{"color": entry.color, "label": entry.label} for entry in layer.legend],
     }
 
 

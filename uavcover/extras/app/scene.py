@@ -6,7 +6,7 @@ A scenario without a position on Earth is drawn around latitude 0, longitude 0; 
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from uavcover.report.cell_layers import (
     classes_image,
 )
 from uavcover.report.content import ReportContent, read_run
-from uavcover.report.map_data import gap_data, layer_data, rings_of, zone_data
+from uavcover.report.map_data import gap_data, rings_of, zone_data
 from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import terrain_source
@@ -206,7 +206,7 @@ def _run_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
     site, verdict = scene.site, content.verdict
     compiled = _missions(scene, content)
     sorties = content.sorties_m or (content.planned.route.waypoints_m,)
-    layers = [layer_data(layer) for layer in cell_layers(content)]
+    layers = [asdict(layer) for layer in cell_layers(content)]
     own_rally = {"rally": [[p.lon_deg, p.lat_deg] for p in compiled[0].rally.points[1:]]} if compiled else {}
     metrics = content.plan
     return {

@@ -4,6 +4,7 @@ import math
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from uavcover.report.cell_layers import (
     ramp_layer,
 )
 from uavcover.report.content import FIGURES
-from uavcover.report.map_data import gap_data, geodetic_fit, layer_data, relief_image, rings_of, rounded
+from uavcover.report.map_data import gap_data, geodetic_fit, relief_image, rings_of, rounded
 from uavcover.report.page import map_script, rendered_page
 from uavcover.run.folder import write_text
 from uavcover.run.user import User, percent
@@ -216,7 +217,7 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
         "fence": [], "obstacles": [], "noFly": [], "home": None, "plan": [], "planHeights": [], "sorties": [], "tracks": [],
         "violations": [], "unsafeReturns": [], "background": None,
         "cellBounds": rounded(np.array(cells_bounds_m(verdict.coverage))),
-        "cells": [layer_data(layer) for layer in photo_layers(verdict)],
+        "cells": [asdict(layer) for layer in photo_layers(verdict)],
         "pictures": {"planned": [], "flown": rounded(eyes), "unknown": 0},
         "footprints": [
             {"name": verdict.placed.pictures[number].name, "ring": rounded(edge[:, :2])}
