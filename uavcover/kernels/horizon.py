@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 from uavcover.kernels.grid import growth_on_grid, on_grid, slope_of_cell
 from uavcover.kernels.jit import allocating_kernel, kernel
@@ -78,6 +77,9 @@ def rises(
         closely: find close bounds, and the rays that are hidden. Otherwise bounds are found sooner and less close, and no ray is
             hidden by them.
     """
+    # Importing scipy.ndimage takes a while, which other commands need not wait for.
+    from scipy.ndimage import maximum_filter
+
     nothing = np.empty((0, 3, SECTORS), dtype=np.float32)
     if surface.kind != GRID or len(centre) == 0:
         return nothing

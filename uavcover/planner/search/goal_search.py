@@ -253,7 +253,7 @@ def search_goal(
         if warm == 0.0:
             chains = [_chain(work, best.route, aim, capacity, waypoint_m, price_of_goal, share) for share in rebuilt]
         # Where coverage costs more than its price, the price rises until the goal is worth reaching.
-        price *= tuned.dearer(goal - judged) ** steps
+        price *= tuned.price_rise(goal - judged) ** steps
         for chain in chains:
             chain.prices = chain.prices._replace(coverage=price, goal=aim)
         warm = stage

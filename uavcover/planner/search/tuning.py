@@ -151,7 +151,7 @@ class GoalTuning:
             cost * (1.0 + (self.start_price if price is None else price) * missing / seen) if seen > 0.0 else math.inf
         )
 
-    def dearer(self, short: float) -> float:
+    def price_rise(self, short: float) -> float:
         """Factor of the price of coverage after a stage that ends short of its goal by a share of coverage, 1 at the goal."""
         steps = min(self.most_price_steps, max(1.0, short / self.far_short))
         return 1.0 if short <= 0.0 else self.price_step**steps
