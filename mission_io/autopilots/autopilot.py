@@ -175,7 +175,7 @@ class Autopilot:
     has_list_ids: bool
     # whether items of a list can be written over, the others being left as they are (MISSION_WRITE_PARTIAL_LIST)
     takes_parts: bool
-    lists_as_files: bool  # whether its lists are files too, as ``mission_io.formats.mission_dat`` has them
+    lists_as_files: bool  # whether its lists are files too, as ``mission_io.wire.mission_items`` has them
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
         """The storage rule for a field of an item, if any."""

@@ -23,7 +23,10 @@ from typing import Final
 
 from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, items_of
 from mission_io.errors import FormatError, MisuseError
-from mission_io.formats import csv, geojson, gpx, kml, plan, poly, wpl
+from mission_io.formats import plan, poly, wpl
+from mission_io.formats.csv_tables import read_csv, write_csv
+from mission_io.formats.drawings import write_geojson
+from mission_io.formats.map_xml import write_gpx, write_kml
 from mission_io.formats.text import MissionFile, text_from_bytes
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import Command, Mission, MissionType
@@ -184,7 +187,7 @@ _COMMENTS = re.compile(r"(\s*(#[^\n]*)?\n)*\s*")
 def _reader_of(suffix: str, text: str) -> tuple[_Reader, tuple[str, ...]]:
     """The reader for the file's content, and a line for a name that contradicts it."""
     if suffix == ".csv":
-        return lambda text, _: csv.read_mission(text), ()
+        return lambda text, _: read_csv(text), ()
     begin = _COMMENTS.match(text)
     rest = text[begin.end() if begin else 0 :]
     if rest.startswith("{"):
@@ -218,10 +221,10 @@ _WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProx
     {
         "waypoints": lambda lists, _: wpl.write_mission(lists.mission),
         "plan": lambda lists, _: plan.write(lists),
-        "kml": lambda lists, name: kml.write_mission(lists.mission, name=name),
-        "geojson": lambda lists, name: geojson.write_mission(lists.mission, name=name),
-        "csv": lambda lists, _: csv.write_mission(lists.mission),
-        "gpx": lambda lists, name: gpx.write_mission(lists.mission, name=name),
+        "kml": lambda lists, name: write_kml(lists.mission, name=name),
+        "geojson": lambda lists, name: write_geojson(lists.mission, name=name),
+        "csv": lambda lists, _: write_csv(lists.mission),
+        "gpx": lambda lists, name: write_gpx(lists.mission, name=name),
         "mavproxy-fence": lambda lists, _: _of_mavproxy(lists, MissionType.FENCE),
         "mavproxy-rally": lambda lists, _: _of_mavproxy(lists, MissionType.RALLY),
     }

@@ -11,7 +11,7 @@ from typing import Any
 
 from mission_io.autopilots.comparison import has_no_place
 from mission_io.errors import FormatError
-from mission_io.formats.json_node import Node
+from mission_io.formats.text import Node
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import Command, Frame, MissionItem
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
-from mission_io.formats.dialects import words_of
+from mission_io.formats.csv_tables import words_of
 from mission_io.formats.drawings import DrawnArea, open_ring
 from mission_io.formats.text import MissionFile, check_place, clean_text, degrees_text, finite_number
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints

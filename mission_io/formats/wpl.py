@@ -14,7 +14,7 @@ from types import MappingProxyType
 from mission_io.autopilots.autopilot import home_item, jumps_moved
 from mission_io.autopilots.comparison import Meaning, has_no_place, meaning_of, number_for_nan
 from mission_io.errors import FormatError
-from mission_io.formats.dialects import words_of
+from mission_io.formats.csv_tables import words_of
 from mission_io.formats.text import check_place, clean_text, degrees_text, finite_number, plain_decimal
 from mission_io.model.areas import (
     Fence,

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv, files, geojson, kml, plan, poly, wpl
-from mission_io.formats.drawings import DrawnArea, fence_from_areas
-from mission_io.formats.mission_dat import read_mission_dat, write_mission_dat
+from mission_io.formats import files, plan, poly, wpl
+from mission_io.formats.csv_tables import read_csv, write_csv
+from mission_io.formats.drawings import DrawnArea, fence_from_areas, read_geojson
+from mission_io.formats.map_xml import read_kml_drawing, write_kml
 from mission_io.formats.text import MissionFile, text_from_bytes
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.diff import apply_diff, diff
@@ -25,6 +26,7 @@ from mission_io.model.items import (
     trigger_camera_every,
     waypoint,
 )
+from mission_io.wire.mission_items import read_mission_dat, write_mission_dat
 
 LONGEST_ERROR = 500
 
@@ -98,9 +100,9 @@ def try_plan(text: str) -> None:
 
 def try_csv(text: str) -> None:
     """A CSV file."""
-    read = csv.read_mission(text)
-    written = csv.write_mission(read.mission)
-    check(csv.read_mission(written) == MissionFile(read.mission), "what was read survives writing")
+    read = read_csv(text)
+    written = write_csv(read.mission)
+    check(read_csv(written) == MissionFile(read.mission), "what was read survives writing")
 
 
 def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
@@ -234,8 +236,8 @@ def _seeds() -> dict[str, list[str]]:
         "wpl": [wpl.write_mission(mission), wpl.write_fence(fence, home), wpl.write_mission(mission).replace("110", "120"),
                 wpl.write_fence(fence, None), odd],
         "plan": [whole, json.dumps(document), old_parts],
-        "csv": [csv.write_mission(mission)],
-        "kml": [kml.write_mission(Mission(home, mission.items[:3])), f"<kml><Placemark><name>a</name>{polygon}</Placemark></kml>",
+        "csv": [write_csv(mission)],
+        "kml": [write_kml(Mission(home, mission.items[:3])), f"<kml><Placemark><name>a</name>{polygon}</Placemark></kml>",
                 f"<kml><MultiGeometry>{linear}<Point><coordinates>1,2</coordinates></Point></MultiGeometry></kml>"],
         "geojson": [json.dumps({"type": "FeatureCollection", "features": [feature]}),
                     json.dumps({"type": "GeometryCollection", "geometries": [shape, {"type": "Point", "coordinates": [1, 2]}]})],
@@ -255,8 +257,8 @@ def targets() -> dict[str, Target]:
         "wpl": try_wpl,
         "plan": try_plan,
         "csv": try_csv,
-        "kml": try_drawing(kml.read_drawing),
-        "geojson": try_drawing(geojson.read_drawing),
+        "kml": try_drawing(read_kml_drawing),
+        "geojson": try_drawing(read_geojson),
         "poly": try_poly,
         "fen": try_fen,
         "old": try_old,

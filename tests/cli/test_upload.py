@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.formats import csv, plan, poly, wpl
+from mission_io.formats import plan, poly, wpl
+from mission_io.formats.csv_tables import write_csv
 from mission_io.links.opening import UdpLink
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import Frame, GeoPoint, Mission, waypoint
@@ -83,7 +84,7 @@ FENCE = Fence((FencePolygon((LatLon(46.4, -7.4), LatLon(46.6, -7.4), LatLon(46.6
 @pytest.mark.parametrize(
     ("name", "text", "kind", "count"),
     [
-        ("route.csv", csv.write_mission(ROUTE), "mission", 4),
+        ("route.csv", write_csv(ROUTE), "mission", 4),
         ("route.plan", plan.write(plan.PlanFile(ROUTE, Fence(), RallyPoints(), mav_autopilot=3)), "mission", 4),
         ("route.txt", wpl.write_mission(ROUTE), "mission", 4),
         (
@@ -118,7 +119,7 @@ def _swapped(mission: Mission) -> Mission:
 WRITERS: dict[str, Callable[[Mission], str]] = {
     "waypoints": wpl.write_mission,
     "plan": lambda mission: plan.write(plan.PlanFile(mission, Fence(), RallyPoints(), mav_autopilot=3)),
-    "csv": csv.write_mission,
+    "csv": write_csv,
 }
 
 

@@ -20,7 +20,6 @@ from mission_io.autopilots.terrain_grid import (
     wrapped_deg,
 )
 from mission_io.errors import FormatError
-from mission_io.formats.mission_dat import dat_path, read_mission_dat, write_mission_dat
 from mission_io.model.enums import AutopilotId, MissionResult
 from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
 from mission_io.model.places import EQUATOR_M_PER_DEG
@@ -29,7 +28,7 @@ from mission_io.protocol.server import ListChanged, MissionServer, id_of_items
 from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address, TerrainData, TerrainReport, TerrainRequest
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.mission_items import dat_path, message_from_item, read_mission_dat, write_mission_dat
 from uavcover.mock.tuning import LINK
 
 # Terrain heights as ArduPilot obtains them: a grid requested with TERRAIN_REQUEST and answered block by block.

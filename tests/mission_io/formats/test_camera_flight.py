@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
-from mission_io.formats.camera_flight import camera_flight
 from mission_io.formats.litchi import write_csv
+from mission_io.formats.point_route import camera_flight
 from mission_io.formats.wpml import write_kmz
 from mission_io.model.actions import (
     PointGimbal,

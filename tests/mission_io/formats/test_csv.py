@@ -5,31 +5,31 @@ import pytest
 from hypothesis import given, settings
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv
+from mission_io.formats.csv_tables import read_csv, write_csv
 from mission_io.formats.text import MissionFile
 from mission_io.model.items import Mission
 from tests.mission_io.formats.samples import MISSION, MISSIONS, NAN_YAW
 
-TEXT = csv.write_mission(MISSION)
+TEXT = write_csv(MISSION)
 
 
 @settings(derandomize=True, max_examples=150)
 @given(MISSIONS)
 def test_round_trip(mission: Mission) -> None:
-    assert csv.read_mission(csv.write_mission(mission)) == MissionFile(mission)
+    assert read_csv(write_csv(mission)) == MissionFile(mission)
     without_home = replace(mission, home=None)
-    assert csv.read_mission(csv.write_mission(without_home)).mission == without_home
+    assert read_csv(write_csv(without_home)).mission == without_home
 
 
 def test_no_value_is_an_empty_cell() -> None:
-    read = csv.read_mission(csv.write_mission(Mission(None, (NAN_YAW,)))).mission
+    read = read_csv(write_csv(Mission(None, (NAN_YAW,)))).mission
     assert math.isnan(read.items[0].params[3])
 
 
 def test_what_a_spreadsheet_does_to_it_is_repaired_and_listed() -> None:
     rows = [line.split(",") for line in TEXT.splitlines()]
     shuffled = "\r\n".join(",".join(['"a, b"', *row[::-1]]) for row in rows).replace('"a, b"', "note", 1) + "\r\n\r\n"
-    read = csv.read_mission("\ufeff" + shuffled.replace(",8\r\n", ",18\r\n"))
+    read = read_csv("\ufeff" + shuffled.replace(",8\r\n", ",18\r\n"))
     assert read.mission == MISSION
     assert read.repairs == (
         "removed a byte order mark", "changed the line ends to LF", "line 1: ignored 1 columns, the first of which is 'note'",
@@ -56,4 +56,4 @@ def test_what_a_spreadsheet_does_to_it_is_repaired_and_listed() -> None:
 )
 def test_what_cannot_be_read_is_one_error_with_its_line(text: str, what: str) -> None:
     with pytest.raises(FormatError, match=what):
-        csv.read_mission(text)
+        read_csv(text)

@@ -5,11 +5,11 @@ from itertools import product
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv, litchi, poly, wpl
-from mission_io.formats.dialects import sniff, words_of
+from mission_io.formats import litchi, poly, wpl
+from mission_io.formats.csv_tables import HEADER, read_csv, sniff, words_of
 
 ITEMS = [
-    csv.HEADER,
+    HEADER,
     "0,16,0,0.0,0.0,0.0,0.0,46.51234,8.0123,512.25,AMSL,1",
     "1,22,3,0.0,0.0,0.0,,46.51234,8.0123,30.5,ABOVE_HOME,1",
     "2,16,3,0.0,0.0,0.0,,46.51334,8.0133,40.5,ABOVE_HOME,1",
@@ -20,7 +20,7 @@ LITCHI = [
     "46.51334,8.0133,40.5,20.5,0,0,5.5",
 ]
 TABLES = {
-    "items": (ITEMS, lambda text: csv.read_mission(text).mission),
+    "items": (ITEMS, lambda text: read_csv(text).mission),
     "litchi": (LITCHI, lambda text: litchi.read_route(text).mission),
 }
 
@@ -71,7 +71,7 @@ def test_commas_and_points_in_one_table_are_named():
     with pytest.raises(
         FormatError, match=r"commas \(line 4\) and decimal points \(line 2\), with columns separated by semicolons"
     ):
-        csv.read_mission(rows)
+        read_csv(rows)
 
 
 def test_a_missing_column_names_the_dialect():
@@ -79,7 +79,7 @@ def test_a_missing_column_names_the_dialect():
         FormatError,
         match="columns are named item, but there must be one; the file was read as columns separated by semicolons",
     ):
-        csv.read_mission("number;command;frame\n1;16;3\n")
+        read_csv("number;command;frame\n1;16;3\n")
 
 
 def test_unusual_dialects_are_listed_and_the_usual_one_is_not():

@@ -9,8 +9,9 @@ import shapely
 from shapely.geometry import mapping
 
 from mission_io.errors import FormatError
-from mission_io.formats import geojson, kml, poly
-from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, Spot, fence_from_areas
+from mission_io.formats import poly
+from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, Spot, fence_from_areas, read_geojson
+from mission_io.formats.map_xml import read_kml_drawing, write_kml
 from mission_io.formats.text import MissionFile
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
 
@@ -46,7 +47,7 @@ WHOLE = Drawing((AREA,), (DrawnLine(RING[:2], "way"),), (Spot(RING[0]),))
 )  # fmt: skip
 def test_kml_of_any_version_is_read(head: str) -> None:
     text = kml_of(POLYGON + REST, head)
-    assert kml.read_drawing(text.replace("</kml>", "</k:kml>") if head.startswith("<k:") else text) == WHOLE
+    assert read_kml_drawing(text.replace("</kml>", "</k:kml>") if head.startswith("<k:") else text) == WHOLE
 
 
 def test_kml_multigeometries_folders_and_bare_rings() -> None:
@@ -54,7 +55,7 @@ def test_kml_multigeometries_folders_and_bare_rings() -> None:
     text = kml_of(
         f"<Folder><name>f</name><Placemark><name>m</name><MultiGeometry>{ring}{ring}</MultiGeometry></Placemark></Folder>"
     )
-    assert kml.read_drawing(text).areas == (DrawnArea(HOLE, (), "m", "f"),) * 2
+    assert read_kml_drawing(text).areas == (DrawnArea(HOLE, (), "m", "f"),) * 2
 
 
 LINE = "<Placemark><name>way</name><LineString><coordinates>{}</coordinates></LineString></Placemark>"
@@ -71,7 +72,7 @@ LINE = "<Placemark><name>way</name><LineString><coordinates>{}</coordinates></Li
     ],
 )
 def test_kml_coordinates_with_four_numbers_or_odd_spaces(coordinates: str, repair: str | None) -> None:
-    found = kml.read_drawing(kml_of(LINE.format(coordinates)))
+    found = read_kml_drawing(kml_of(LINE.format(coordinates)))
     assert found.lines == (DrawnLine(RING[:3], "way"),)
     assert [line.split(": ")[1] for line in found.repairs if "LF" not in line] == ([repair] if repair else [])
 
@@ -79,12 +80,12 @@ def test_kml_coordinates_with_four_numbers_or_odd_spaces(coordinates: str, repai
 @pytest.mark.parametrize("coordinates", ["1,2,3,4,5", "1,2, 3,4, x", "1, 2, 3, 4 5", "1,2,3,4, 5,6", "1 2", ",2 1,2"])
 def test_kml_coordinates_that_could_be_anything_are_an_error(coordinates: str) -> None:
     with pytest.raises(FormatError, match="line 2, coordinate"):
-        kml.read_drawing(kml_of(LINE.format(coordinates)))
+        read_kml_drawing(kml_of(LINE.format(coordinates)))
 
 
 @pytest.mark.parametrize("coordinates", ["", " \n", ",", ", ,"])
 def test_kml_coordinates_that_say_nothing_are_left_out(coordinates: str) -> None:
-    found = kml.read_drawing(kml_of(LINE.format(coordinates) + REST))
+    found = read_kml_drawing(kml_of(LINE.format(coordinates) + REST))
     assert (found.lines, found.spots) == (WHOLE.lines, WHOLE.spots)
     assert [line.split(": ")[1] for line in found.repairs] == ["ignored an empty LineString"]
 
@@ -94,9 +95,9 @@ def test_kml_names_may_follow_what_they_name() -> None:
         text.replace(f"<name>{name}</name>", "").replace("</Placemark>", f"<name>{name}</name></Placemark>", 1)
         for text, name in ((POLYGON, "field &lt;1>"), (REST, "way"))
     ]
-    assert kml.read_drawing(kml_of("".join(swapped))) == WHOLE
+    assert read_kml_drawing(kml_of("".join(swapped))) == WHOLE
     folder = f"<Folder><Folder>{POLYGON}<name>inner</name></Folder>{POLYGON}<name>outer</name></Folder>{POLYGON}"
-    assert [area.folder for area in kml.read_drawing(kml_of(folder)).areas] == ["inner", "outer", ""]
+    assert [area.folder for area in read_kml_drawing(kml_of(folder)).areas] == ["inner", "outer", ""]
 
 
 def geo(*geometries: dict[str, Any], name: str = "") -> str:
@@ -109,33 +110,33 @@ SHAPE = shapely.Polygon([(p.lon_deg, p.lat_deg) for p in RING], [[(p.lon_deg, p.
 
 def test_geojson_as_shapely_writes_it() -> None:
     line, point = shapely.LineString([(-98.2, 33.1), (-98.25, 33.3)]), shapely.Point(-98.2, 33.1, 50.0)
-    assert geojson.read_drawing(geo(mapping(SHAPE), name="field <1>")).areas == (AREA,)
+    assert read_geojson(geo(mapping(SHAPE), name="field <1>")).areas == (AREA,)
     two = shapely.MultiPolygon([SHAPE, shapely.Polygon([(1, 2), (3, 2), (3, 4)])])
-    both = geojson.read_drawing(json.dumps(mapping(two)))
+    both = read_geojson(json.dumps(mapping(two)))
     assert [len(area.holes) for area in both.areas] == [1, 0]
     assert both.areas[1].exterior == (LatLon(2.0, 1.0), LatLon(2.0, 3.0), LatLon(4.0, 3.0))
     collection = shapely.GeometryCollection(
         [line, point, shapely.MultiLineString([line, line]), shapely.MultiPoint([point])]
     )
-    read = geojson.read_drawing(json.dumps(mapping(collection)))
+    read = read_geojson(json.dumps(mapping(collection)))
     assert read.lines == (DrawnLine(RING[:2]),) * 3
     assert read.spots == (Spot(RING[0]),) * 2
 
 
 def test_what_is_repaired_or_left_out_is_listed() -> None:
     open_kml = kml_of(POLYGON.replace(f" {RING[0].lon_deg},{RING[0].lat_deg},0<", "<")).replace("-98.25,", "-98.25 , ")
-    assert kml.read_drawing(open_kml).areas == (AREA,)
-    assert kml.read_drawing(open_kml).repairs == (
+    assert read_kml_drawing(open_kml).areas == (AREA,)
+    assert read_kml_drawing(open_kml).repairs == (
         "line 2: removed space around commas",
         "line 2: the ring was not closed",
     )
-    assert kml.read_drawing(open_kml).unclosed == ("line 2: the ring was not closed",)
+    assert read_kml_drawing(open_kml).unclosed == ("line 2: the ring was not closed",)
     empty = kml_of("<Placemark><Point></Point></Placemark>")
-    assert kml.read_drawing("\ufeff" + empty).repairs == (
+    assert read_kml_drawing("\ufeff" + empty).repairs == (
         "removed a byte order mark",
         "line 2: ignored an empty Point",
     )
-    assert geojson.read_drawing(geo(None, {"type": "Polygon", "coordinates": []})).repairs == (  # type: ignore[arg-type]
+    assert read_geojson(geo(None, {"type": "Polygon", "coordinates": []})).repairs == (  # type: ignore[arg-type]
         "document.features[0]: ignored a feature without a geometry",
         "document.features[1].geometry.coordinates: ignored an empty polygon",
     )
@@ -147,30 +148,30 @@ BOMB = '<!DOCTYPE kml [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;
 @pytest.mark.parametrize(
     ("read", "text", "what"),
     [
-        (kml.read_drawing, "", "line 1: invalid XML: no element found"),
-        (kml.read_drawing, kml_of(POLYGON)[:-9], "invalid XML"),
-        (kml.read_drawing, "<html></html>", "line 1: <html> is not the root element of a KML file"),
-        (kml.read_drawing, f"{BOMB}<kml><name>&b;</name></kml>", "document types are not supported; remove"),
-        (kml.read_drawing, "<!DOCTYPE kml SYSTEM 'file:///etc/passwd'><kml/>", "document types"),
-        (kml.read_drawing, "<kml>&undefined;</kml>", "invalid XML: undefined entity"),
-        (kml.read_drawing, "<kml>\ud800</kml>", "an incomplete character"),
-        (kml.read_drawing, kml_of("<Point><coordinates>1</coordinates></Point>"), "coordinate 0: '1' is not longitude,latitude"),
-        (kml.read_drawing, kml_of("<Point><coordinates>1,nan</coordinates></Point>"), "'nan' is not a finite number"),
-        (kml.read_drawing, kml_of("<Point><coordinates>33,-98</coordinates></Point>"), "latitude -98 is not a valid position"),
-        (kml.read_drawing, kml_of("<Polygon></Polygon>"), "the polygon has no outer boundary"),
-        (kml.read_drawing, kml_of(POLYGON.replace("inner", "outer")), "a second outer boundary"),
-        (kml.read_drawing, kml_of("<LinearRing><coordinates>1,2 3,4 1,2</coordinates></LinearRing>"), "only 2 different corners"),
-        (geojson.read_drawing, "", "line 1: cannot read the file as JSON"),
-        (geojson.read_drawing, "[" * 200_000, "document: the JSON is nested too deeply"),
-        (geojson.read_drawing, "{}", r"document\.type: the key is missing"),
-        (geojson.read_drawing, '{"type": 5}', r"document\.type: expected a string"),
-        (geojson.read_drawing, '{"type": "Circle"}', "'Circle' is not a GeoJSON type"),
-        (geojson.read_drawing, '{"type": "Point", "coordinates": [33, -98]}', "longitude 33, latitude -98 is no"),
-        (geojson.read_drawing, '{"type": "Point", "coordinates": [1e999, 0]}', "a number that is too large"),
-        (geojson.read_drawing, '{"type": "Point", "coordinates": [null, true]}', "expected a number"),
-        (geojson.read_drawing, '{"type": "Point", "coordinates": [5]}', "the position has 1 numbers"),
-        (geojson.read_drawing, '{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "only 2 different corners"),
-        (geojson.read_drawing, '{"type": "Point", "coordinates": [1, 2], "crs": {"type": "name", "properties":'
+        (read_kml_drawing, "", "line 1: invalid XML: no element found"),
+        (read_kml_drawing, kml_of(POLYGON)[:-9], "invalid XML"),
+        (read_kml_drawing, "<html></html>", "line 1: <html> is not the root element of a KML file"),
+        (read_kml_drawing, f"{BOMB}<kml><name>&b;</name></kml>", "document types are not supported; remove"),
+        (read_kml_drawing, "<!DOCTYPE kml SYSTEM 'file:///etc/passwd'><kml/>", "document types"),
+        (read_kml_drawing, "<kml>&undefined;</kml>", "invalid XML: undefined entity"),
+        (read_kml_drawing, "<kml>\ud800</kml>", "an incomplete character"),
+        (read_kml_drawing, kml_of("<Point><coordinates>1</coordinates></Point>"), "coordinate 0: '1' is not longitude,latitude"),
+        (read_kml_drawing, kml_of("<Point><coordinates>1,nan</coordinates></Point>"), "'nan' is not a finite number"),
+        (read_kml_drawing, kml_of("<Point><coordinates>33,-98</coordinates></Point>"), "latitude -98 is not a valid position"),
+        (read_kml_drawing, kml_of("<Polygon></Polygon>"), "the polygon has no outer boundary"),
+        (read_kml_drawing, kml_of(POLYGON.replace("inner", "outer")), "a second outer boundary"),
+        (read_kml_drawing, kml_of("<LinearRing><coordinates>1,2 3,4 1,2</coordinates></LinearRing>"), "only 2 different corners"),
+        (read_geojson, "", "line 1: cannot read the file as JSON"),
+        (read_geojson, "[" * 200_000, "document: the JSON is nested too deeply"),
+        (read_geojson, "{}", r"document\.type: the key is missing"),
+        (read_geojson, '{"type": 5}', r"document\.type: expected a string"),
+        (read_geojson, '{"type": "Circle"}', "'Circle' is not a GeoJSON type"),
+        (read_geojson, '{"type": "Point", "coordinates": [33, -98]}', "longitude 33, latitude -98 is no"),
+        (read_geojson, '{"type": "Point", "coordinates": [1e999, 0]}', "a number that is too large"),
+        (read_geojson, '{"type": "Point", "coordinates": [null, true]}', "expected a number"),
+        (read_geojson, '{"type": "Point", "coordinates": [5]}', "the position has 1 numbers"),
+        (read_geojson, '{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "only 2 different corners"),
+        (read_geojson, '{"type": "Point", "coordinates": [1, 2], "crs": {"type": "name", "properties":'
          ' {"name": "urn:ogc:def:crs:EPSG::3857"}}}', "the reference system is 'urn:ogc:def:crs:EPSG::3857'; export"),
         (poly.read_area, "33.1 -98.2\n33.2 -98.2\n", "the area: only 2 different corners"),
         (poly.read_area, "33.1 -98.2 5\n", "line 1: expected 2 columns, not 3; latitude, then longitude"),
@@ -188,14 +189,14 @@ def test_the_old_wgs84_name_of_geojson_is_taken() -> None:
     point = {"type": "Point", "coordinates": [-98.2, 33.1]}
     for name in ("urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326"):
         text = json.dumps({**point, "crs": {"type": "name", "properties": {"name": name}}})
-        assert geojson.read_drawing(text).spots == (Spot(RING[0]),)
+        assert read_geojson(text).spots == (Spot(RING[0]),)
 
 
 def test_a_name_that_xml_cannot_hold_is_refused() -> None:
     from tests.mission_io.formats.samples import MISSION
 
     with pytest.raises(FormatError, match=r"the name contains '\\x07'"):
-        kml.write_mission(MISSION, name="a\x07")
+        write_kml(MISSION, name="a\x07")
 
 
 FENCE = Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 0.0))

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
-from mission_io.formats import gpx, kml, litchi, wpml
+from mission_io.formats import litchi, wpml
 from mission_io.formats.litchi import write_csv
+from mission_io.formats.map_xml import read_gpx_route, read_kml_route
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.wpml import write_kmz
 from mission_io.model.items import Command, Frame
@@ -21,7 +22,7 @@ from uavcover.extras.exports.command import all_dji_aircraft
 
 POINTS = [(46.5, 8.25, 40.0), (46.501, 8.252, 55.5), (46.499, 8.26, 61.0)]
 READERS: dict[str, Callable[[str], PointRoute]] = {
-    ".gpx": gpx.read_route, ".kml": kml.read_route, ".csv": litchi.read_route, ".wpml": wpml.read_route,
+    ".gpx": read_gpx_route, ".kml": read_kml_route, ".csv": litchi.read_route, ".wpml": wpml.read_route,
 }  # fmt: skip
 
 
@@ -72,7 +73,7 @@ def test_the_climb_of_dji_is_no_lower_than_its_security_height() -> None:
 
 def test_heights_above_ground() -> None:
     assert (
-        kml.read_route(ROUTES[".kml"](POINTS, 0.0).replace("absolute", "relativeToGround")).mission.items[1].frame
+        read_kml_route(ROUTES[".kml"](POINTS, 0.0).replace("absolute", "relativeToGround")).mission.items[1].frame
         is Frame.ABOVE_TERRAIN
     )
     assert (

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from mission_io.autopilots.autopilot import VehicleKind, kind_of
 from mission_io.errors import FormatError
 from mission_io.formats import files, litchi, plan, wpml
-from mission_io.formats.dialects import words_of
+from mission_io.formats.csv_tables import words_of
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, FramedPoint
 from mission_io.model.enums import AutopilotId

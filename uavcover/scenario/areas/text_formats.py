@@ -12,10 +12,11 @@ from pyproj import CRS, Geod
 from pyproj.exceptions import CRSError
 
 from mission_io.errors import FormatError
-from mission_io.formats import kml, plan, poly
-from mission_io.formats.dialects import words_of
+from mission_io.formats import plan, poly
+from mission_io.formats.csv_tables import words_of
 from mission_io.formats.drawings import Drawing
-from mission_io.formats.json_node import Node, parse_json
+from mission_io.formats.map_xml import read_kml_drawing
+from mission_io.formats.text import Node, parse_json
 from mission_io.model.areas import Fence, LatLon
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
@@ -203,7 +204,7 @@ def _shape_of_line(line: str, source: str) -> Any:
 
 def read_kml(text: str, source: str) -> AreaDocument:
     """KML, always longitude and latitude on WGS 84; folders are its layers."""
-    document = _of_drawing(kml.read_drawing(text), source)
+    document = _of_drawing(read_kml_drawing(text), source)
     if not document.features and not document.others and "<NetworkLink" in text:
         raise InputError(
             f"{source}: the file only links to another file, which uavcover does not download; save the polygon itself as KML"
