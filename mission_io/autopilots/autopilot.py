@@ -5,35 +5,28 @@ Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or
 A vehicle keeps three lists: mission, fence and rally points. Each is an item list on the wire.
 """
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from types import MappingProxyType
-from typing import Final, TypeAlias
+from typing import Final
 
 from mission_io.autopilots.storage import (
     ARDUPILOT_COPTER_STORAGE,
     ARDUPILOT_PLANE_STORAGE,
-    NOT_STEPS,
     PX4_STORAGE,
-    WITHOUT_POSITION,
     Storage,
     StorageRule,
 )
 from mission_io.data_tables import data_rows
 from mission_io.errors import MisuseError
-from mission_io.model.areas import (
-    Fence,
-    RallyPoints,
-    fence_from_items,
-    items_from_fence,
-    items_from_rally,
-    rally_from_items,
-)
 from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
-from mission_io.wire.mission_items import DEGREES_SCALE, float32
+from mission_io.model.items import (
+    Command,
+    Frame,
+    MissionItem,
+    MissionType,
+)
 
 # Vehicle types: the numbers of MAV_TYPE, by name and by kind (multicopter, plane, rover, ...).
 
@@ -98,28 +91,6 @@ def parse_type(text: str) -> int:
     if wanted not in vehicles:
         raise MisuseError(f"unknown vehicle type {text!r}; use one of {', '.join(vehicles)}")
     return vehicles[wanted]
-
-
-__all__ = [
-    "ARDUPILOT",
-    "ARDUPILOT_BLIMP",
-    "ARDUPILOT_PLANE",
-    "ARDUPILOT_ROVER",
-    "ARDUPILOT_SUB",
-    "AUTOPILOTS",
-    "NOT_STEPS",
-    "PX4",
-    "WITHOUT_POSITION",
-    "Autopilot",
-    "StorageRule",
-    "autopilot_for",
-    "command_read_back",
-    "home_item",
-    "jumps_moved",
-    "mission_from_wire",
-    "stored_item",
-    "wire_items",
-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,116 +281,97 @@ def autopilot_for(mav_autopilot: int, vehicle_type: int = VehicleClass.GENERIC) 
     return _ARDUPILOT_OF_KIND.get(kind_of(vehicle_type), _ARDUPILOT_OTHER)
 
 
-def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...]:
-    """A mission's items as they are sent to an autopilot: with home in front where item 0 is home.
-
-    An autopilot that keeps home in item 0 puts its own home there, so a mission without a home is sent with a
-    waypoint at latitude 0, longitude 0, only to keep the place. Jumps name items as the vehicle counts them, and
-    commands known to have no position go in the frame COMMAND, the only one that both autopilots take them in.
-    """
-    items = [_in_command_frame(item) for item in mission.items]
-    if not autopilot.home_in_item_0:
-        return tuple(jumps_moved(items, by=-1))
-    home = mission.home if mission.home is not None else GeoPoint(0.0, 0.0, 0.0)
-    return (home_item(home), *items)
+# Flight modes by meaning, with the numbers that PX4 and each ArduPilot vehicle use.
 
 
-def jumps_moved(items: Iterable[MissionItem], *, by: int) -> Iterator[MissionItem]:
-    """The items, with the target of every DO_JUMP shifted by a number of items."""
-    for item in items:
-        if item.command == Command.DO_JUMP:
-            p1, p2, p3, p4 = item.params
-            yield replace(item, params=(p1 + by, p2, p3, p4))
-        else:
-            yield item
+class Mode(Enum):
+    """Purpose of a flight mode."""
+
+    MANUAL = "manual"
+    GUIDED = "guided"
+    MISSION = "mission"
+    HOLD = "hold"
+    RETURN = "return"
+    LAND = "land"
 
 
-def home_item(home: GeoPoint) -> MissionItem:
-    """Home as item 0, where files and ArduPilot keep it."""
-    return MissionItem(
-        Command.NAV_WAYPOINT, Frame.AMSL, lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_m=home.alt_amsl_m
-    )
+def _px4(main: int, sub: int = 0) -> int:
+    return main << 16 | sub << 24
 
 
-def mission_from_wire(items: Sequence[MissionItem], autopilot: Autopilot) -> Mission:
-    """The mission that an autopilot's item list stands for; the inverse of ``wire_items``.
-
-    Commands known to have no position get the frame COMMAND, whichever the autopilot returned them with.
-    """
-    home = None
-    if autopilot.home_in_item_0 and items:
-        first, *items = items
-        home = GeoPoint(first.lat_deg, first.lon_deg, first.alt_m)
-    elif not autopilot.home_in_item_0:
-        items = tuple(jumps_moved(items, by=1))
-    return Mission(home, tuple(command_read_back(item) for item in items))
-
-
-def _in_command_frame(item: MissionItem) -> MissionItem:
-    return replace(item, frame=Frame.COMMAND) if item.command in WITHOUT_POSITION else item
-
-
-def command_read_back(item: MissionItem) -> MissionItem:
-    """The item with the frame COMMAND when its command has no position, whichever frame the autopilot returned.
-
-    What was read as degrees becomes the whole numbers again that parameters 5 and 6 are.
-    """
-    if item.command not in WITHOUT_POSITION or not item.has_position:
-        return item
-    lat, lon = (
-        float(round(value * DEGREES_SCALE)) if math.isfinite(value) else value for value in (item.lat_deg, item.lon_deg)
-    )
-    return replace(item, frame=Frame.COMMAND, lat_deg=lat, lon_deg=lon)
-
-
-def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
-    """The item as this autopilot returns it: as sent on the wire, changed by its storage rules."""
-
-    def kept(name: str, value: float) -> float:
-        rule = autopilot.rule_for(item, name)
-        return float32(rule.store(value) if rule is not None else value)
-
-    p1, p2, p3, p4 = (kept(f"param{i}", value) for i, value in enumerate(item.params, start=1))
-    item = _in_command_frame(item)
-    lat, lon = item.lat_deg, item.lon_deg
-    if not item.has_position:
-        lat, lon = kept("lat_deg", lat), kept("lon_deg", lon)
-        if autopilot.command_frame_returned is not Frame.COMMAND:
-            lat, lon = lat / DEGREES_SCALE, lon / DEGREES_SCALE
-    return MissionItem(
-        item.command,
-        item.frame if item.has_position else autopilot.command_frame_returned,
-        (p1, p2, p3, p4),
-        lat,
-        lon,
-        kept("alt_m", item.alt_m),
-        item.autocontinue if autopilot.keeps_autocontinue else item.command not in NOT_STEPS,
-    )
+_CUSTOM_MODES: Mapping[Firmware, Mapping[Mode, int]] = MappingProxyType(
+    {
+        Firmware.COPTER: {
+            Mode.MANUAL: 0,  # STABILIZE
+            Mode.MISSION: 3,  # AUTO
+            Mode.GUIDED: 4,
+            Mode.HOLD: 5,  # LOITER
+            Mode.RETURN: 6,  # RTL
+            Mode.LAND: 9,
+        },
+        Firmware.PLANE: {
+            Mode.MANUAL: 0,
+            Mode.MISSION: 10,  # AUTO
+            Mode.RETURN: 11,  # RTL
+            Mode.HOLD: 12,  # LOITER: in circles
+            Mode.GUIDED: 15,
+            Mode.LAND: 20,  # QLAND, of those that land vertically
+        },
+        Firmware.ROVER: {Mode.MANUAL: 0, Mode.HOLD: 4, Mode.MISSION: 10, Mode.RETURN: 11, Mode.GUIDED: 15},
+        Firmware.SUB: {
+            Mode.MISSION: 3,  # AUTO
+            Mode.GUIDED: 4,
+            Mode.LAND: 9,  # SURFACE
+            Mode.HOLD: 16,  # POSHOLD
+            Mode.MANUAL: 19,
+        },
+        Firmware.BLIMP: {Mode.LAND: 0, Mode.MANUAL: 1, Mode.HOLD: 3, Mode.RETURN: 4, Mode.MISSION: 5},
+        Firmware.PX4: {
+            Mode.MANUAL: _px4(1),
+            Mode.GUIDED: _px4(3),  # POSCTL: holds its place unless the pilot says otherwise
+            Mode.HOLD: _px4(4, 3),
+            Mode.MISSION: _px4(4, 4),
+            Mode.RETURN: _px4(4, 5),
+            Mode.LAND: _px4(4, 6),
+        },
+    }
+)
+"""From the autopilots' sources; a number means something else to each: 4 is GUIDED, ACRO, HOLD or RTL."""
 
 
-MissionList: TypeAlias = Mission | Fence | RallyPoints
+_ALSO: Mapping[Firmware, Mapping[int, Mode]] = MappingProxyType(
+    {
+        Firmware.COPTER: {16: Mode.HOLD, 17: Mode.HOLD, 21: Mode.RETURN},  # POSHOLD, BRAKE, SMART_RTL
+        Firmware.PLANE: {19: Mode.HOLD, 21: Mode.RETURN},  # QLOITER, QRTL
+        Firmware.ROVER: {5: Mode.HOLD, 12: Mode.RETURN},  # LOITER, SMART_RTL
+    }
+)
+"""Further modes that mean the same to this package; it never asks for them."""
 
 
-def mission_type_of(mission_list: MissionList) -> MissionType:
-    """The type of a mission list."""
-    if isinstance(mission_list, Mission):
-        return MissionType.MISSION
-    return MissionType.FENCE if isinstance(mission_list, Fence) else MissionType.RALLY
+def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
+    """The heartbeat's ``custom_mode`` of a mode. Raises MisuseError: such a vehicle has no such mode."""
+    number = _CUSTOM_MODES.get(autopilot.firmware, {}).get(mode)
+    if number is None:
+        raise MisuseError(f"{autopilot.name} has no {mode.value} mode")
+    return number
 
 
-def items_of(mission_list: MissionList, autopilot: Autopilot) -> tuple[MissionItem, ...]:
-    """The items of a mission list as sent to an autopilot. Raises FormatError: an invalid fence polygon or circle."""
-    if isinstance(mission_list, Mission):
-        return wire_items(mission_list, autopilot)
-    return items_from_fence(mission_list) if isinstance(mission_list, Fence) else items_from_rally(mission_list)
+def has_mode(autopilot: Autopilot, mode: Mode) -> bool:
+    """Whether such a vehicle has a mode, as far as it is known here."""
+    return mode in _CUSTOM_MODES.get(autopilot.firmware, {})
 
 
-def mission_list_of(mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot) -> MissionList:
-    """The mission, fence or rally points of an autopilot's item list; the inverse of ``items_of``.
+def mode_from_custom(autopilot: Autopilot, number: int) -> Mode | None:
+    """The mode that a heartbeat's ``custom_mode`` stands for; None for one that this package has no word for."""
+    for mode, known in _CUSTOM_MODES.get(autopilot.firmware, {}).items():
+        if known == number:
+            return mode
+    return _ALSO.get(autopilot.firmware, {}).get(number)
 
-    Raises:
-        FormatError: items that do not belong in such a list.
-    """
-    if mission_type is MissionType.MISSION:
-        return mission_from_wire(items, autopilot)
-    return fence_from_items(items) if mission_type is MissionType.FENCE else rally_from_items(items)
+
+def mode_from_params(autopilot: Autopilot, params: tuple[float, ...]) -> Mode | None:
+    """The mode that a DO_SET_MODE command requests: PX4 has main and sub mode in two parameters."""
+    if autopilot.mav_autopilot == AutopilotId.PX4:
+        return mode_from_custom(autopilot, _px4(int(params[1]), int(params[2])))
+    return mode_from_custom(autopilot, int(params[1]))

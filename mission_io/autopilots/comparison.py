@@ -14,9 +14,10 @@ from enum import Enum
 from functools import cache
 from types import MappingProxyType
 
-from mission_io.autopilots.autopilot import NOT_STEPS, Autopilot, command_read_back
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.mission_lists import command_read_back
 from mission_io.data_tables import read_document
-from mission_io.model.items import Command, MissionItem, MissionType, same_number
+from mission_io.model.items import NOT_STEPS, Command, MissionItem, MissionType, same_number
 from mission_io.model.places import ground_distance_m
 from mission_io.wire.mission_items import degrees_on_wire, float32
 

@@ -10,36 +10,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TypeAlias
 
-from mission_io.model.items import Command
+from mission_io.model.items import FENCE_COMMANDS, WITHOUT_POSITION, Command
 from mission_io.wire.mission_items import float32
-
-WITHOUT_POSITION = frozenset(
-    {
-        Command.NAV_RETURN_TO_LAUNCH,
-        Command.NAV_DELAY,
-        Command.CONDITION_DELAY,
-        Command.CONDITION_DISTANCE,
-        Command.CONDITION_YAW,
-        Command.DO_JUMP,
-        Command.DO_CHANGE_SPEED,
-        Command.DO_LAND_START,
-        Command.DO_SET_ROI_NONE,
-        Command.DO_DIGICAM_CONTROL,
-        Command.DO_MOUNT_CONTROL,
-        Command.DO_SET_CAM_TRIGG_DIST,
-        Command.DO_GIMBAL_MANAGER_PITCHYAW,
-        Command.IMAGE_START_CAPTURE,
-        Command.IMAGE_STOP_CAPTURE,
-        Command.VIDEO_START_CAPTURE,
-        Command.VIDEO_STOP_CAPTURE,
-    }
-)
-"""The commands mission_io knows to have no position, in any frame."""
-
-FENCE = frozenset(range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1))
-RALLY = frozenset({int(Command.NAV_RALLY_POINT)})
-NOT_STEPS = FENCE | RALLY
-"""The commands of fences and rally points: they are never flown one after the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +98,7 @@ def _by_field(*rules: StorageRule) -> Storage:
 
 
 _C = Command
+_RALLY = frozenset({int(_C.NAV_RALLY_POINT)})
 _PLACES = frozenset(
     {
         _C.NAV_WAYPOINT, _C.NAV_LOITER_UNLIM, _C.NAV_LOITER_TURNS, _C.NAV_LOITER_TIME, _C.NAV_LAND, _C.NAV_TAKEOFF,
@@ -182,9 +155,11 @@ _ARDUPILOT_COMMON = (
         )
     ),
     StorageRule("alt_m", _PLACES, _to_centimetres, 0.01001, "ArduPilot truncates altitudes to centimetres"),
-    *_drop(("param2", "param3", "param4", "alt_m"), FENCE, "ArduPilot keeps only the position and size of a fence"),
-    *_drop(("param1", "param2", "param3", "param4"), RALLY, "ArduPilot keeps only the position of a rally point"),
-    StorageRule("alt_m", RALLY, _to_metres, 1.0, "ArduPilot truncates rally altitudes to metres"),
+    *_drop(
+        ("param2", "param3", "param4", "alt_m"), FENCE_COMMANDS, "ArduPilot keeps only the position and size of a fence"
+    ),
+    *_drop(("param1", "param2", "param3", "param4"), _RALLY, "ArduPilot keeps only the position of a rally point"),
+    StorageRule("alt_m", _RALLY, _to_metres, 1.0, "ArduPilot truncates rally altitudes to metres"),
 )
 
 ARDUPILOT_COPTER_STORAGE = _by_field(

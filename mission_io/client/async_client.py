@@ -8,7 +8,8 @@ from threading import Event
 from types import TracebackType
 from typing import Concatenate, ParamSpec, Self, TypeVar
 
-from mission_io.autopilots.autopilot import Autopilot, MissionList
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.mission_lists import MissionList
 from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
 from mission_io.client.mission_control import wait_for_mission

@@ -5,9 +5,15 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TypeVar
 
-from mission_io.autopilots.autopilot import Autopilot, MissionList, items_of, mission_list_of, mission_type_of
-from mission_io.autopilots.checks import check_for_autopilot
+from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.mission_lists import (
+    MissionList,
+    check_for_autopilot,
+    items_of,
+    mission_list_of,
+    mission_type_of,
+)
 from mission_io.client import commands, mission_control
 from mission_io.client.connection import Connection
 from mission_io.client.peers import two_in_one

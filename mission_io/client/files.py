@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
-from mission_io.autopilots.autopilot import MissionList
+from mission_io.autopilots.mission_lists import MissionList
 from mission_io.client.client import Client
 from mission_io.client.transfer_outcome import ReadBack
 from mission_io.errors import (

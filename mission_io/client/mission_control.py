@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable, Iterator
 
-from mission_io.autopilots.flight_modes import Mode, custom_mode
+from mission_io.autopilots.autopilot import Mode, custom_mode
 from mission_io.client import commands
 from mission_io.client.connection import Connection
 from mission_io.client.running import run

@@ -8,16 +8,19 @@ from typing import Any, Final, Generic, TypeVar
 
 from mission_io.conformance.tuning import PROBE
 from mission_io.errors import MissionIoError
-from mission_io.model.areas import (
+from mission_io.model.items import (
     Fence,
     FencePolygon,
+    Frame,
     FramedPoint,
     LatLon,
+    MissionItem,
+    MissionType,
     RallyPoints,
     items_from_fence,
     items_from_rally,
+    waypoint,
 )
-from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import degrees_on_wire
 

@@ -11,8 +11,7 @@ from typing import Any
 
 from mission_io.errors import FormatError
 from mission_io.formats.text import Node, clean_text, is_place, parse_json
-from mission_io.model.areas import Fence, FencePolygon, LatLon
-from mission_io.model.items import Command, Frame, Mission, MissionItem
+from mission_io.model.items import Command, Fence, FencePolygon, Frame, LatLon, Mission, MissionItem
 
 
 def place_of(lon_deg: float, lat_deg: float, where: str) -> LatLon:

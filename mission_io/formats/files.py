@@ -21,15 +21,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
+from mission_io.autopilots.mission_lists import items_of
 from mission_io.errors import FormatError, MisuseError
 from mission_io.formats import plan, poly, wpl
 from mission_io.formats.csv_tables import read_csv, write_csv
 from mission_io.formats.drawings import write_geojson
 from mission_io.formats.map_xml import write_gpx, write_kml
 from mission_io.formats.text import MissionFile, text_from_bytes
-from mission_io.model.areas import Fence, RallyPoints
-from mission_io.model.items import Command, Mission, MissionType
+from mission_io.model.items import FENCE_COMMANDS, Command, Fence, Mission, MissionType, RallyPoints
 
 _log = logging.getLogger(__name__)
 
@@ -40,7 +40,6 @@ ONLY_LIST: Final[Mapping[str, MissionType]] = MappingProxyType({".csv": MissionT
 EVERY_LIST: Final = (".waypoints", ".plan")
 """Suffixes of files that hold whichever of a vehicle's lists: one of them, or all three."""
 _LONGEST_FIRST_LINE = 400
-_FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
 
 
 def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> MissionFile:
@@ -152,7 +151,7 @@ def _read_waypoints(text: str, mission_type: MissionType | None) -> MissionFile:
     read = wpl.read(text)
     if mission_type is None:
         commands = {item.command for item in read.items}
-        if commands and all(command in _FENCE_COMMANDS for command in commands):
+        if commands and all(command in FENCE_COMMANDS for command in commands):
             mission_type = MissionType.FENCE
         elif commands == {int(Command.NAV_RALLY_POINT)}:
             mission_type = MissionType.RALLY

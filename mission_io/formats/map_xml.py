@@ -32,8 +32,7 @@ from mission_io.formats.text import (
     rendered,
     xml_root,
 )
-from mission_io.model.areas import LatLon
-from mission_io.model.items import Command, Frame, GeoPoint, Mission
+from mission_io.model.items import Command, Frame, GeoPoint, LatLon, Mission
 
 
 def write_kml(mission: Mission, *, name: str = "mission") -> str:

@@ -24,9 +24,9 @@ from mission_io.model.actions import (
     action_of,
     item_of,
 )
-from mission_io.model.areas import FramedPoint
 from mission_io.model.items import (
     Frame,
+    FramedPoint,
     GeoPoint,
     Mission,
     MissionItem,

@@ -12,8 +12,7 @@ from mission_io.errors import FormatError
 from mission_io.formats.csv_tables import words_of
 from mission_io.formats.drawings import DrawnArea, open_ring
 from mission_io.formats.text import MissionFile, check_place, clean_text, degrees_text, finite_number
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Frame
+from mission_io.model.items import Fence, FencePolygon, Frame, FramedPoint, LatLon, RallyPoints
 
 _HEADER = "#saved by mission_io"
 

@@ -16,10 +16,10 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from mission_io.autopilots.autopilot import ARDUPILOT, MissionList, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT
+from mission_io.autopilots.mission_lists import MissionList, items_of
 from mission_io.errors import FormatError
-from mission_io.model.areas import Fence, RallyPoints
-from mission_io.model.items import Mission, MissionType
+from mission_io.model.items import Fence, Mission, MissionType, RallyPoints
 from mission_io.model.places import doubts_about, doubts_about_fence
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ A doubt is a valid value that is probably a mistake: a position at 0, 0, or a ro
 import math
 from collections.abc import Sequence
 
-from mission_io.model.areas import Fence, LatLon
-from mission_io.model.items import Command, GeoPoint, Mission
+from mission_io.model.items import Command, Fence, GeoPoint, LatLon, Mission
 
 EQUATOR_RADIUS_M = 6378137.0
 ECCENTRICITY_SQUARED = (2.0 - 1.0 / 298.257223563) / 298.257223563

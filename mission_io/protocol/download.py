@@ -8,7 +8,7 @@ nothing was lost, and on a link so short that beginning anew costs little.
 from enum import Enum
 from typing import ClassVar, Unpack
 
-from mission_io.autopilots.checks import refuse_impossible
+from mission_io.autopilots.mission_lists import refuse_impossible
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem
 from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions

@@ -11,14 +11,18 @@ from mission_io.formats.csv_tables import read_csv, write_csv
 from mission_io.formats.drawings import DrawnArea, fence_from_areas, read_geojson
 from mission_io.formats.map_xml import read_kml_drawing, write_kml
 from mission_io.formats.text import MissionFile, text_from_bytes
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.diff import apply_diff, diff
 from mission_io.model.items import (
+    Fence,
+    FencePolygon,
     Frame,
+    FramedPoint,
     GeoPoint,
+    LatLon,
     Mission,
     MissionItem,
     MissionType,
+    RallyPoints,
     change_speed,
     land,
     same_item,

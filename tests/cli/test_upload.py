@@ -13,8 +13,17 @@ from mission_io.autopilots.autopilot import PX4
 from mission_io.formats import plan, poly, wpl
 from mission_io.formats.csv_tables import write_csv
 from mission_io.links.opening import UdpLink
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Frame, GeoPoint, Mission, waypoint
+from mission_io.model.items import (
+    Fence,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    GeoPoint,
+    LatLon,
+    Mission,
+    RallyPoints,
+    waypoint,
+)
 from tests.cli.conftest import WATCHDOG_S, Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
 from tests.mission_io.real_vehicle import flying_on

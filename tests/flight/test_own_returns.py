@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mission_io.model.areas import FramedPoint
+from mission_io.model.items import FramedPoint
 from tests.missions.compiled_routes import compiled, route
 from tests.planner.sites import make_site, ridge
 from uavcover.flight.applied_limits import return_warnings

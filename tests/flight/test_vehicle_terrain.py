@@ -8,7 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from mission_io.autopilots.terrain_grid import place_in_block, wrapped_deg
+from mission_io.protocol.terrain import place_in_block, wrapped_deg
 from uavcover.errors import InputError
 from uavcover.flight.vehicle_terrain import heights_of_files, heights_of_site, write_terrain_files
 from uavcover.run.user import Unattended

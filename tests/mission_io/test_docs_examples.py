@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mission_io.formats import wpl
-from mission_io.model.areas import fence_from_items
+from mission_io.model.items import fence_from_items
 from tests.mission_io.formats.test_plan_complex import LANDING, SURVEY, document
 
 DOCS = Path(__file__).parents[2] / "docs" / "reference"

@@ -8,8 +8,7 @@ from random import Random
 import pytest
 
 from mission_io import AsyncClient, Client, CommandRefusedError, Mission, MissionType, VehicleSilentError
-from mission_io.autopilots.autopilot import ARDUPILOT, ARDUPILOT_PLANE, PX4, Autopilot
-from mission_io.autopilots.flight_modes import Mode, custom_mode
+from mission_io.autopilots.autopilot import ARDUPILOT, ARDUPILOT_PLANE, PX4, Autopilot, Mode, custom_mode
 from mission_io.client.mission_control import wait_for_mission
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.enums import CommandResult, MissionState

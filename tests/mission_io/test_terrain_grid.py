@@ -4,7 +4,7 @@ from random import Random
 import pyproj
 import pytest
 
-from mission_io.autopilots.terrain_grid import (
+from mission_io.protocol.terrain import (
     PART_COUNT,
     block_with_corner,
     blocks_east,

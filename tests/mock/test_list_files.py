@@ -5,13 +5,27 @@ from random import Random
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, MissionList, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.mission_lists import MissionList, items_of
 from mission_io.client.client import Client
 from mission_io.client.files import FileUploads
 from mission_io.errors import MisuseError, TransferError, TransferSilentError
 from mission_io.links.simulated import Conditions, SimulatedLink
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Frame, Mission, MissionItem, MissionType, land, takeoff, waypoint
+from mission_io.model.items import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    LatLon,
+    Mission,
+    MissionItem,
+    MissionType,
+    RallyPoints,
+    land,
+    takeoff,
+    waypoint,
+)
 from mission_io.protocol.ftp import FtpMessage, FtpOperation
 from mission_io.wire.messages import FileTransfer
 from mission_io.wire.mission_items import dat_path, write_mission_dat

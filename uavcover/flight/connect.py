@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 
 from mission_io import SigningKey
-from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.client.client import Client
 from mission_io.errors import TransferSilentError, VehicleSilentError
 from mission_io.links.opening import open_link

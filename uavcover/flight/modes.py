@@ -1,14 +1,14 @@
-"""Which vehicles may be flown, and their flight modes (``mission_io.autopilots.flight_modes``).
+"""Which vehicles may be flown, and their flight modes (``mission_io.autopilots.autopilot``).
 
 Only multirotors may be flown: plans, return routes and the meaning of a landing hold for nothing else.
 """
 
-from mission_io.autopilots import flight_modes
 from mission_io.autopilots.autopilot import Autopilot, VehicleKind, type_name
-from mission_io.autopilots.flight_modes import Mode as Mode
-from mission_io.autopilots.flight_modes import has_mode as has_mode
-from mission_io.autopilots.flight_modes import mode_from_custom as mode_from_custom
-from mission_io.autopilots.flight_modes import mode_from_params as mode_from_params
+from mission_io.autopilots.autopilot import Mode as Mode
+from mission_io.autopilots.autopilot import custom_mode as number_of_mode
+from mission_io.autopilots.autopilot import has_mode as has_mode
+from mission_io.autopilots.autopilot import mode_from_custom as mode_from_custom
+from mission_io.autopilots.autopilot import mode_from_params as mode_from_params
 from mission_io.client.peers import VehicleInfo, two_in_one
 from mission_io.errors import MisuseError
 from mission_io.model.enums import Firmware
@@ -44,6 +44,6 @@ def _a(noun: str) -> str:
 def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
     """The heartbeat's ``custom_mode`` of a mode. Raises VehicleError: such a vehicle has no such mode."""
     try:
-        return flight_modes.custom_mode(autopilot, mode)
+        return number_of_mode(autopilot, mode)
     except MisuseError as error:
         raise VehicleError(str(error)) from None

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from mission_io.autopilots.flight_modes import Mode, mode_from_custom, mode_from_params
+from mission_io.autopilots.autopilot import Mode, mode_from_custom, mode_from_params
 from mission_io.model.enums import CommandResult, VehicleClass
 from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from mission_io.wire import messages as m

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.model.enums import Severity
 from uavcover.mock.behaviour import TransferClock
 from uavcover.mock.flight_control import FlightControl

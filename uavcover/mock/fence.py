@@ -3,8 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from mission_io.model.areas import Fence, fence_from_items
-from mission_io.model.items import MissionItem, MissionType
+from mission_io.model.items import Fence, MissionItem, MissionType, fence_from_items
 from uavcover.mock.behaviour import Parameters
 from uavcover.mock.body import MockBody
 from uavcover.mock.dynamics import Vector

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.model.enums import EkfFlag, GpsFix, MissionState, ModeFlag
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m

@@ -6,7 +6,7 @@ It shares no code with ``uavcover/missions/failsafe_path.py``, which predicts re
 import math
 from dataclasses import replace
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.guidance import Speeds

@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 
 from mission_io.formats import plan, poly, wpl
 from mission_io.formats.drawings import DrawnArea
-from mission_io.model.areas import (
+from mission_io.model.items import (
     Fence,
     FenceCircle,
     FencePolygon,
+    Frame,
     FramedPoint,
     LatLon,
     RallyPoints,
@@ -20,7 +21,6 @@ from mission_io.model.areas import (
     items_from_rally,
     rally_from_items,
 )
-from mission_io.model.items import Frame
 from tests.mission_io.formats.samples import HOME, LATITUDES, LONGITUDES, MISSION
 
 _PLACES = st.builds(LatLon, LATITUDES, LONGITUDES)

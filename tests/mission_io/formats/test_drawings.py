@@ -13,7 +13,7 @@ from mission_io.formats import poly
 from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, Spot, fence_from_areas, read_geojson
 from mission_io.formats.map_xml import read_kml_drawing, write_kml
 from mission_io.formats.text import MissionFile
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
+from mission_io.model.items import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
 
 RING = (LatLon(33.1, -98.2), LatLon(33.3, -98.25), LatLon(33.35, -98.05), LatLon(33.12, -98.04))
 HOLE = (LatLon(33.2, -98.15), LatLon(33.21, -98.15), LatLon(33.21, -98.14))

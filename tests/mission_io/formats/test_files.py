@@ -18,8 +18,7 @@ from mission_io import (
     write_mission,
 )
 from mission_io.formats import poly, wpl
-from mission_io.model.areas import FramedPoint
-from mission_io.model.items import Frame
+from mission_io.model.items import Frame, FramedPoint
 from tests.mission_io.test_client import FENCE, HOME, MISSION
 
 RALLY = RallyPoints((FramedPoint(46.51, -7.26, 40.0, Frame.ABOVE_HOME),))

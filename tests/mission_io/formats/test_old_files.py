@@ -11,8 +11,18 @@ from mission_io.formats import plan, poly, wpl
 from mission_io.formats.files import mission_text, read_file, read_mission
 from mission_io.formats.plan import read_old_json as read
 from mission_io.formats.poly import read_rally
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, RallyPoints
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    GeoPoint,
+    Mission,
+    MissionItem,
+    MissionType,
+    RallyPoints,
+)
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 
 PLAN = plan.write(plan.PlanFile(MISSION, Fence(), RallyPoints(), 3))

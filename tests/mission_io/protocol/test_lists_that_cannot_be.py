@@ -6,10 +6,20 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import common
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.mission_lists import items_of
 from mission_io.errors import FormatError, MisuseError, TransferError
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
-from mission_io.model.items import Command, Frame, MissionItem, MissionType
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    LatLon,
+    MissionItem,
+    MissionType,
+)
 from mission_io.wire.messages import MissionCount
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.protocol.two_sides import (

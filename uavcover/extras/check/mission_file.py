@@ -12,9 +12,8 @@ from mission_io.errors import FormatError
 from mission_io.formats import files, litchi, plan, wpml
 from mission_io.formats.csv_tables import words_of
 from mission_io.formats.text import text_from_bytes
-from mission_io.model.areas import Fence, FramedPoint
 from mission_io.model.enums import AutopilotId
-from mission_io.model.items import Command, Mission
+from mission_io.model.items import Command, Fence, FramedPoint, Mission
 from mission_io.model.places import doubts_about_fence
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, ScenarioError

@@ -20,7 +20,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, Ma
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.mission_raw import MissionRaw, MissionRawResult
 
-from mission_io.autopilots.checks import refuse_impossible
+from mission_io.autopilots.mission_lists import refuse_impossible
 from mission_io.errors import MisuseError
 from mission_io.links.base import WrappingLink
 from mission_io.links.opening import Link

@@ -17,7 +17,7 @@ from mission_io.formats.csv_tables import words_of
 from mission_io.formats.drawings import Drawing
 from mission_io.formats.map_xml import read_kml_drawing
 from mission_io.formats.text import Node, parse_json
-from mission_io.model.areas import Fence, LatLon
+from mission_io.model.items import Fence, LatLon
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.model.area import Ring, Rings
