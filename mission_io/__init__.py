@@ -50,8 +50,10 @@ if TYPE_CHECKING:
     )
     from mission_io.formats.files import read_file, read_mission, write_mission
     from mission_io.formats.text import MissionFile
-    from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
+    from mission_io.links.base import Link
+    from mission_io.links.opening import open_link, register_endpoint
     from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
+    from mission_io.links.udp import UdpLink
     from mission_io.model.actions import Action, action_of, item_of
     from mission_io.model.diff import MissionDiff, apply_diff, diff
     from mission_io.model.items import (

@@ -41,7 +41,7 @@ from mission_io.errors import (
     VehicleHolds,
     VehicleSilentError,
 )
-from mission_io.links.opening import Link
+from mission_io.links.base import Link
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted
@@ -50,8 +50,7 @@ from mission_io.protocol.exchange import Clear, ClearState, ExchangeOptions
 from mission_io.protocol.mission_control import ItemProgress
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.terrain import TerrainAnswers
-from mission_io.protocol.timing import Patience, Timing
-from mission_io.protocol.tuning import CALLS, TRANSFERS
+from mission_io.protocol.timing import CALLS, TRANSFERS, Patience, Timing
 from mission_io.protocol.upload import Upload
 from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamValue, Received, TerrainRequest
 

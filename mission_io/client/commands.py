@@ -7,7 +7,7 @@ from mission_io.client.connection import Connection, VehicleInfo
 from mission_io.errors import CommandRefusedError, MisuseError
 from mission_io.model.enums import AutopilotId, CommandResult
 from mission_io.model.items import Command
-from mission_io.protocol.tuning import CALLS
+from mission_io.protocol.timing import CALLS
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
 from mission_io.wire.mission_items import float32

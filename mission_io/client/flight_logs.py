@@ -6,7 +6,7 @@ from mission_io.client.connection import Connection
 from mission_io.client.running import Progress, Stop, run
 from mission_io.errors import TransferCancelledError, TransferSilentError
 from mission_io.protocol.log_download import LogDownload
-from mission_io.protocol.tuning import CALLS
+from mission_io.protocol.timing import CALLS
 from mission_io.wire.messages import LogEntry, LogRequestList, Received
 
 

@@ -11,7 +11,7 @@ from mission_io.client import commands
 from mission_io.client.client import Client
 from mission_io.errors import TransferCancelledError
 from mission_io.model.items import MissionType
-from mission_io.protocol.tuning import CALLS
+from mission_io.protocol.timing import CALLS
 from mission_io.wire.messages import MissionCurrent
 
 

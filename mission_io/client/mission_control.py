@@ -11,7 +11,7 @@ from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.model.enums import Firmware
 from mission_io.model.items import Command
 from mission_io.protocol.mission_control import ItemProgress, SetCurrent
-from mission_io.protocol.tuning import CALLS
+from mission_io.protocol.timing import CALLS
 from mission_io.wire.messages import MissionCurrent
 
 

@@ -9,7 +9,7 @@ from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentErr
 from mission_io.model.enums import AutopilotId
 from mission_io.protocol.parameter_values import PARAM_ENCODE_BYTEWISE, PARAM_ENCODE_C_CAST, Parameter, Value
 from mission_io.protocol.parameters import ParameterDownload, ParameterMessages, ParameterReads, ParameterWrites
-from mission_io.protocol.tuning import CALLS
+from mission_io.protocol.timing import CALLS
 from mission_io.wire.messages import Address, AutopilotVersion
 
 

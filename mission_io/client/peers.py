@@ -10,7 +10,7 @@ from typing import Final
 from mission_io.autopilots.autopilot import Autopilot, VehicleKind, autopilot_for, kind_of, type_name
 from mission_io.errors import AmbiguousVehicleError, MisuseError
 from mission_io.model.enums import AutopilotId, VehicleClass
-from mission_io.protocol.tuning import CALLS
+from mission_io.protocol.timing import CALLS
 from mission_io.wire.messages import Address, Heartbeat, Received
 
 _log = logging.getLogger(__name__)

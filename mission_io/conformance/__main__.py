@@ -22,7 +22,8 @@ from mission_io.conformance.run import ask_vehicle
 from mission_io.conformance.tuning import STATION
 from mission_io.conformance.upload_cases import UPLOAD_CASES
 from mission_io.errors import LinkError, MissionIoError, MisuseError, VehicleSilentError
-from mission_io.links.opening import LINK_FORMS, Link, open_link
+from mission_io.links.base import Link
+from mission_io.links.opening import LINK_FORMS, open_link
 from mission_io.links.simulated import SimulatedLink
 from mission_io.model.enums import AutopilotId
 from mission_io.protocol.timing import Timing

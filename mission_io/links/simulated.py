@@ -17,8 +17,7 @@ from typing import Final, Protocol
 
 from mission_io.clock import Clock
 from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import WrappingLink
-from mission_io.links.opening import Link
+from mission_io.links.base import Link, WrappingLink
 from mission_io.protocol.timing import Timing
 
 

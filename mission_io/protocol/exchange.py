@@ -8,8 +8,7 @@ from typing import ClassVar, Generic, Required, TypedDict, TypeVar, Unpack
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.protocol.tables import Row, Table, staying
-from mission_io.protocol.timing import Departures, Patience, Timing
-from mission_io.protocol.tuning import TRANSFERS
+from mission_io.protocol.timing import TRANSFERS, Departures, Patience, Timing
 from mission_io.wire.messages import Address, Message, MissionAck, MissionClearAll, Received, is_for
 
 StateT = TypeVar("StateT", bound=Enum)

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from mission_io.errors import FormatError, MisuseError
-from mission_io.protocol.timing import RoundTrip
-from mission_io.protocol.tuning import FILES
+from mission_io.protocol.timing import FILES, RoundTrip
 
 DATA_BYTES = 239
 PAYLOAD_BYTES = 251

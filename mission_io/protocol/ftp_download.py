@@ -21,7 +21,7 @@ from mission_io.protocol.ftp import (
     FtpWindow,
     crc32,
 )
-from mission_io.protocol.tuning import FILES
+from mission_io.protocol.timing import FILES
 
 MOST_BYTES = 1 << 30
 """A file that is announced larger is refused: sooner nonsense than a file."""

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from mission_io.errors import FormatError
 from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation, crc32
-from mission_io.protocol.tuning import FILES
+from mission_io.protocol.timing import FILES
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
 

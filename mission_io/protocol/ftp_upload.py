@@ -19,7 +19,7 @@ from mission_io.protocol.ftp import (
     FtpWindow,
     crc32,
 )
-from mission_io.protocol.tuning import FILES
+from mission_io.protocol.timing import FILES
 
 
 class FtpUpload(FtpTransfer):

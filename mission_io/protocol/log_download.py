@@ -4,7 +4,7 @@ A vehicle sends one stretch at a time, and a new request replaces the one before
 when it runs dry, each gap in turn.
 """
 
-from mission_io.protocol.tuning import FILES
+from mission_io.protocol.timing import FILES
 from mission_io.wire.messages import (
     LOG_DATA_BYTES,
     Address,

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import Command
-from mission_io.protocol.tuning import TRANSFERS
+from mission_io.protocol.timing import TRANSFERS
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
 

@@ -19,7 +19,7 @@ from mission_io.protocol.parameter_values import (
     value_of_bytes,
     value_of_float,
 )
-from mission_io.protocol.tuning import VALUES
+from mission_io.protocol.timing import VALUES
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mission_io.errors import MisuseError
-from mission_io.protocol.tuning import VALUES
+from mission_io.protocol.timing import VALUES
 from mission_io.wire.messages import Message, Received, TerrainData, TerrainRequest
 
 PART_SIDE = 4

@@ -8,7 +8,7 @@ import pytest
 
 from mission_io import write_mission
 from mission_io.autopilots.autopilot import ARDUPILOT
-from mission_io.links.opening import UdpLink
+from mission_io.links.udp import UdpLink
 from mission_io.model.items import MissionType
 from mission_io.protocol.diagrams import TABLES, main, with_diagrams
 from tests.mission_io.real_vehicle import flying_on

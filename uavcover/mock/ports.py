@@ -8,8 +8,7 @@ from typing import Generic, Protocol, TypeVar
 
 from mission_io.clock import MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.links.stream import FramedChannel
-from mission_io.links.tcp import TcpChannel
+from mission_io.links.stream import FramedChannel, TcpChannel
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Address, Message, TimeSync
 from uavcover.errors import VehicleError

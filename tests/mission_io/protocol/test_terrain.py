@@ -7,7 +7,7 @@ import pytest
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
 from mission_io.protocol.terrain import ALL_PARTS, PART_COUNT, TerrainAnswers, place_in_block
-from mission_io.protocol.tuning import VALUES
+from mission_io.protocol.timing import VALUES
 from mission_io.wire.messages import Heartbeat, Received, TerrainData, TerrainRequest
 from tests.mission_io.vehicle import VehiclePeer, connected
 
