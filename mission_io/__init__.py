@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     )
     from mission_io.client.async_client import AsyncClient
     from mission_io.client.client import Client
-    from mission_io.client.connection import VehicleInfo
-    from mission_io.client.parameters import VehicleParameters
+    from mission_io.client.commands import VehicleParameters
+    from mission_io.client.mission_control import ItemProgress
+    from mission_io.client.peers import VehicleInfo
     from mission_io.client.transfer_outcome import ReadBack
     from mission_io.errors import (
         AmbiguousVehicleError,
@@ -80,7 +81,6 @@ if TYPE_CHECKING:
         trigger_camera_every,
         waypoint,
     )
-    from mission_io.protocol.mission_control import ItemProgress
     from mission_io.protocol.parameter_values import Parameter
     from mission_io.protocol.server import ListChanged, MissionServer
     from mission_io.protocol.timing import Timing
@@ -114,8 +114,9 @@ _PLACES = {
     ),
     "mission_io.client.async_client": ("AsyncClient",),
     "mission_io.client.client": ("Client",),
-    "mission_io.client.connection": ("VehicleInfo",),
-    "mission_io.client.parameters": ("VehicleParameters",),
+    "mission_io.client.commands": ("VehicleParameters",),
+    "mission_io.client.mission_control": ("ItemProgress",),
+    "mission_io.client.peers": ("VehicleInfo",),
     "mission_io.client.transfer_outcome": ("ReadBack",),
     "mission_io.errors": (
         "AmbiguousVehicleError", "CommandRefusedError", "FormatError", "LinkError", "MissionIoError", "MisuseError",
@@ -124,8 +125,10 @@ _PLACES = {
     ),
     "mission_io.formats.files": ("read_file", "read_mission", "write_mission"),
     "mission_io.formats.text": ("MissionFile",),
-    "mission_io.links.opening": ("Link", "UdpLink", "open_link", "register_endpoint"),
+    "mission_io.links.base": ("Link",),
+    "mission_io.links.opening": ("open_link", "register_endpoint"),
     "mission_io.links.simulated": ("LINK_PRESETS", "LinkPreset", "link_preset"),
+    "mission_io.links.udp": ("UdpLink",),
     "mission_io.model.actions": ("Action", "action_of", "item_of"),
     "mission_io.model.diff": ("MissionDiff", "apply_diff", "diff"),
     "mission_io.model.items": (
@@ -133,7 +136,6 @@ _PLACES = {
         "MissionItem", "MissionType", "RallyPoints", "SpeedType", "change_speed", "delay", "land", "look_ahead",
         "look_at", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint",
     ),
-    "mission_io.protocol.mission_control": ("ItemProgress",),
     "mission_io.protocol.parameter_values": ("Parameter",),
     "mission_io.protocol.server": ("ListChanged", "MissionServer"),
     "mission_io.protocol.timing": ("Timing",),

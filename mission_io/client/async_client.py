@@ -11,12 +11,11 @@ from typing import Concatenate, ParamSpec, Self, TypeVar
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.mission_lists import MissionList
 from mission_io.client.client import Client
-from mission_io.client.connection import VehicleInfo
-from mission_io.client.mission_control import wait_for_mission
-from mission_io.client.running import Progress, Stop
+from mission_io.client.connection import Progress, Stop
+from mission_io.client.mission_control import ItemProgress, wait_for_mission
+from mission_io.client.peers import VehicleInfo
 from mission_io.client.transfer_outcome import ReadBack
 from mission_io.model.items import MissionType
-from mission_io.protocol.mission_control import ItemProgress
 from mission_io.wire.messages import CommandAck, MissionCurrent, Received
 
 ResultT = TypeVar("ResultT")

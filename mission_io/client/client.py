@@ -15,9 +15,9 @@ from mission_io.autopilots.mission_lists import (
     mission_type_of,
 )
 from mission_io.client import commands, mission_control
-from mission_io.client.connection import Connection
+from mission_io.client.connection import Carry, Connection, Progress, Stop
+from mission_io.client.mission_control import ItemProgress
 from mission_io.client.peers import two_in_one
-from mission_io.client.running import Carry, Progress, Stop, run
 from mission_io.client.transfer_outcome import (
     PROVEN_BY_READING,
     ReadBack,
@@ -47,7 +47,6 @@ from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Clear, ClearState, ExchangeOptions
-from mission_io.protocol.mission_control import ItemProgress
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.terrain import TerrainAnswers
 from mission_io.protocol.timing import CALLS, TRANSFERS, Patience, Timing
@@ -72,7 +71,7 @@ class Client(Connection):
     Attributes:
         patience: What transfers have learnt about the link so far, such as its round-trip time.
         transferred: Of each list that was transferred whole, the number of its items and the vehicle's id of it; see
-            ``mission_io.client.list_ids``.
+            ``mission_io.client.lists``.
     """
 
     def __init__(
@@ -329,7 +328,7 @@ class Client(Connection):
         interrupted = False
         while True:
             try:
-                run(self, exchange, counts, progress=progress, stop=stop)
+                self.run(exchange, counts, progress=progress, stop=stop)
                 return interrupted
             except KeyboardInterrupt:
                 if interrupted or isinstance(exchange, Clear):

@@ -15,9 +15,8 @@ from mission_io.errors import (
     VehicleHolds,
 )
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.ftp import FtpState, FtpTransfer
-from mission_io.protocol.ftp_download import FtpDownload, FtpEntry, FtpListing
-from mission_io.protocol.ftp_upload import FtpUpload
+from mission_io.protocol.ftp_files import FtpDownload, FtpUpload
+from mission_io.protocol.ftp_transfer import FtpEntry, FtpListing, FtpState, FtpTransfer
 from mission_io.protocol.timing import CALLS
 from mission_io.wire.messages import Address, FileTransfer, Received
 from mission_io.wire.mission_items import dat_path, read_mission_dat, write_mission_dat

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from mission_io.client.client import Client
-from mission_io.client.connection import VehicleInfo
+from mission_io.client.peers import VehicleInfo
 from mission_io.conformance.case import (
     ITEMS,
     LIST_NAMES,

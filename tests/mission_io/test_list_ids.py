@@ -4,7 +4,7 @@ import pytest
 
 from mission_io import MissionType, VehicleSilentError
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.client.list_ids import ListIds, list_changed, read_list_ids
+from mission_io.client.lists import ListIds, list_changed, read_list_ids
 from mission_io.model.items import Command
 from mission_io.protocol.server import id_of_items
 from mission_io.wire import messages as m

@@ -6,7 +6,7 @@ from typing import ClassVar
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.client.parameters import VehicleParameters
+from mission_io.client.commands import VehicleParameters
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
 from mission_io.links.simulated import Conditions
 from mission_io.protocol.parameter_values import (

@@ -6,7 +6,7 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.client.client import Client
-from mission_io.client.part_upload import upload_part
+from mission_io.client.lists import upload_part
 from mission_io.errors import MisuseError, TransferError, TransferSilentError
 from mission_io.links.simulated import Conditions
 from mission_io.model.enums import MissionResult

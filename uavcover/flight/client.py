@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from mission_io.autopilots.mission_lists import MissionList
-from mission_io.client.connection import VehicleInfo
-from mission_io.client.peers import Peers
+from mission_io.client.peers import Peers, VehicleInfo
 from mission_io.client.transfer_outcome import ReadBack
 from mission_io.clock import Clock
 from mission_io.model.items import MissionItem, MissionType

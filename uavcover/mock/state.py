@@ -13,7 +13,7 @@ import numpy as np
 from mission_io.autopilots.autopilot import Autopilot, Mode, autopilot_for, custom_mode, has_mode, mode_from_custom
 from mission_io.model.enums import AutopilotId, MissionState, VehicleClass
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
-from mission_io.protocol.ftp_server import FtpServer
+from mission_io.protocol.ftp import FtpServer
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
 from uavcover.mock.behaviour import Behaviour, GroundSource, Parameters, Settings, TransferClock, quick

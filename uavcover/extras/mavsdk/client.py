@@ -8,8 +8,8 @@ from typing import Final, NoReturn, TypeVar
 
 from mission_io.client import commands
 from mission_io.client.client import Client
+from mission_io.client.connection import Progress, Stop
 from mission_io.client.peers import VehicleInfo
-from mission_io.client.running import Progress, Stop
 from mission_io.errors import (
     CommandRefusedError,
     MisuseError,
