@@ -1,4 +1,4 @@
-"""A case as data: its questions, the guide's rule for it, and its outcome."""
+"""A case as data: its questions, the guide's rule for it, its outcome, and the times of all cases."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from enum import Enum
 from functools import partial
 from typing import Any, Final, Generic, TypeVar
 
-from mission_io.conformance.tuning import PROBE
+from mission_io.data_tables import data_table
 from mission_io.errors import MissionIoError
 from mission_io.model.items import (
     Fence,
@@ -23,6 +23,48 @@ from mission_io.model.items import (
 )
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import degrees_on_wire
+
+# Times and numbers of the cases; ``data/conformance.toml`` explains each.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Probe:
+    other_system: int
+    absent_system: int
+    answer_s: float
+    tries: int
+    idle_s: float
+    longest_rest_s: float
+    unmeasured_s: float
+    longest_late_s: float
+    same_deg: float
+    same_m: float
+    current_s: float
+    new_items: int
+    few_items: int
+    gives_up_s: float
+    slow_s: float
+    listed_items: int
+    free_s: float
+    strange_type: int
+    stops_s: float
+    unknown_frame: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Station:
+    resend_s: float
+    item_resend_s: float
+    retries: int
+    crossing_s: float
+    quiet_s: float
+    longest_s: float
+    tick_s: float
+
+
+PROBE = data_table(_Probe, "mission_io/data/conformance.toml", "probe")
+STATION = data_table(_Station, "mission_io/data/conformance.toml", "station")
+
 
 REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
 ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)

@@ -8,6 +8,7 @@ from mission_io.client.peers import VehicleInfo
 from mission_io.conformance.case import (
     ITEMS,
     LIST_NAMES,
+    PROBE,
     PROTOCOL,
     REQUESTS,
     FailedError,
@@ -17,7 +18,6 @@ from mission_io.conformance.case import (
     difference,
     sample,
 )
-from mission_io.conformance.tuning import PROBE
 from mission_io.errors import FormatError, TransferError, TransferSilentError
 from mission_io.links.base import Link
 from mission_io.model.enums import MissionResult

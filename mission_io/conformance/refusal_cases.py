@@ -6,6 +6,7 @@ from typing import Final
 
 from mission_io.conformance.case import (
     LIST_NAMES,
+    PROBE,
     REQUESTS,
     FailedError,
     LackingError,
@@ -17,7 +18,6 @@ from mission_io.conformance.case import (
     sample,
 )
 from mission_io.conformance.probe import Probe, described, seq_of
-from mission_io.conformance.tuning import PROBE
 from mission_io.conformance.upload_cases import accepted, begin_three, finished
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, Command, MissionType

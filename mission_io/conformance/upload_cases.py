@@ -5,7 +5,9 @@ from functools import partial
 from typing import Final
 
 from mission_io.conformance.case import (
+    PROBE,
     REQUESTS,
+    STATION,
     FailedError,
     LackingError,
     ProtocolCase,
@@ -16,7 +18,6 @@ from mission_io.conformance.case import (
     sample,
 )
 from mission_io.conformance.probe import Probe, described, result_name, seq_of
-from mission_io.conformance.tuning import PROBE, STATION
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire.messages import Message, MissionAck, MissionRequest
