@@ -24,9 +24,9 @@ from typing import Final
 from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
 from mission_io.autopilots.mission_lists import items_of
 from mission_io.errors import FormatError, MisuseError
-from mission_io.formats import plan, poly, wpl
+from mission_io.formats import plan, wpl
 from mission_io.formats.csv_tables import read_csv, write_csv
-from mission_io.formats.drawings import write_geojson
+from mission_io.formats.drawings import read_fence_list, read_rally_list, write_geojson
 from mission_io.formats.map_xml import write_gpx, write_kml
 from mission_io.formats.text import MissionFile, text_from_bytes
 from mission_io.model.items import FENCE_COMMANDS, Command, Fence, Mission, MissionType, RallyPoints
@@ -163,18 +163,18 @@ def _read_waypoints(text: str, mission_type: MissionType | None) -> MissionFile:
 
 
 def _read_places(text: str, _: MissionType | None) -> MissionFile:
-    read = poly.read_fence(text)
+    read = read_fence_list(text)
     return replace(read, repairs=("read as an old fence file: the first position is the return point", *read.repairs))
 
 
 _Reader = Callable[[str, MissionType | None], MissionFile]
 _READERS: Final[Mapping[str, _Reader]] = MappingProxyType(
-    {".plan": _read_plan, ".fen": lambda text, _: poly.read_fence(text)}
+    {".plan": _read_plan, ".fen": lambda text, _: read_fence_list(text)}
 )
 """By suffix, for a file whose first line does not say what it is; of any other suffix: ``.waypoints``."""
 _FIRST_LINES: Final[tuple[tuple[re.Pattern[str], _Reader, str], ...]] = (
     (re.compile(r"QGC\s+WPL\b", re.IGNORECASE), _read_waypoints, ".waypoints"),
-    (re.compile(r"RALLY\s"), lambda text, _: poly.read_rally(text), ""),
+    (re.compile(r"RALLY\s"), lambda text, _: read_rally_list(text), ""),
     (re.compile(r"[-+]?[0-9.]+[ \t,;]+[-+]?[0-9.]+[ \t]*(#.*)?$"), _read_places, ".fen"),
 )
 """What a first line looks like, its reader, and the suffix that such files should have, if there is one."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats import files, plan, poly, wpl
+from mission_io.formats import drawings, files, plan, wpl
 from mission_io.formats.csv_tables import read_csv, write_csv
-from mission_io.formats.drawings import DrawnArea, fence_from_areas, read_geojson
+from mission_io.formats.drawings import DrawnArea
 from mission_io.formats.map_xml import read_kml_drawing, write_kml
 from mission_io.formats.text import MissionFile, text_from_bytes
 from mission_io.model.diff import apply_diff, diff
@@ -113,7 +113,7 @@ def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
     """A file of areas."""
 
     def attempt(text: str) -> None:
-        fence = fence_from_areas(read_drawing(text).areas)
+        fence = drawings.fence_from_areas(read_drawing(text).areas)
         written = wpl.write_fence(fence, GeoPoint(1.0, 2.0, 3.0))
         check(len(wpl.read(written).fence().polygons) == len(fence.polygons), "areas survive as a fence")
 
@@ -122,14 +122,14 @@ def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
 
 def try_poly(text: str) -> None:
     """A ``.poly`` file."""
-    written = poly.write_area(poly.read_area(text).area)
-    check(poly.write_area(poly.read_area(written).area) == written, "writing is stable")
+    written = drawings.write_area_list(drawings.read_area_list(text).area)
+    check(drawings.write_area_list(drawings.read_area_list(written).area) == written, "writing is stable")
 
 
 def try_fen(text: str) -> None:
     """A ``.fen`` file."""
-    written = poly.write_fence(poly.read_fence(text).fence)
-    check(poly.write_fence(poly.read_fence(written).fence) == written, "writing is stable")
+    written = drawings.write_fence_list(drawings.read_fence_list(text).fence)
+    check(drawings.write_fence_list(drawings.read_fence_list(written).fence) == written, "writing is stable")
 
 
 def try_old(text: str) -> None:
@@ -148,7 +148,7 @@ def try_old(text: str) -> None:
 
 def try_rally(text: str) -> None:
     """MAVProxy's old rally points."""
-    rally = poly.read_rally(text).rally
+    rally = drawings.read_rally_list(text).rally
     check(len(wpl.read(wpl.write_rally(rally, None)).rally().points) == len(rally.points), "the points survive")
 
 
@@ -245,11 +245,11 @@ def _seeds() -> dict[str, list[str]]:
                 f"<kml><MultiGeometry>{linear}<Point><coordinates>1,2</coordinates></Point></MultiGeometry></kml>"],
         "geojson": [json.dumps({"type": "FeatureCollection", "features": [feature]}),
                     json.dumps({"type": "GeometryCollection", "geometries": [shape, {"type": "Point", "coordinates": [1, 2]}]})],
-        "poly": [poly.write_area(DrawnArea(ring))],
-        "fen": [poly.write_fence(fence)],
+        "poly": [drawings.write_area_list(DrawnArea(ring))],
+        "fen": [drawings.write_fence_list(fence)],
         "old": old,
         "rally": [rally_text],
-        "file": [whole, wpl.write_fence(fence, None), rally_text, poly.write_fence(fence), *old],
+        "file": [whole, wpl.write_fence(fence, None), rally_text, drawings.write_fence_list(fence), *old],
         "mission_dat": [dat.decode("latin-1") for dat in dats],
     }  # fmt: skip
 
@@ -262,7 +262,7 @@ def targets() -> dict[str, Target]:
         "plan": try_plan,
         "csv": try_csv,
         "kml": try_drawing(read_kml_drawing),
-        "geojson": try_drawing(read_geojson),
+        "geojson": try_drawing(drawings.read_geojson),
         "poly": try_poly,
         "fen": try_fen,
         "old": try_old,

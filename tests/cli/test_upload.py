@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.formats import plan, poly, wpl
+from mission_io.formats import plan, wpl
 from mission_io.formats.csv_tables import write_csv
+from mission_io.formats.drawings import write_fence_list
 from mission_io.links.udp import UdpLink
 from mission_io.model.items import (
     Fence,
@@ -98,7 +99,7 @@ FENCE = Fence((FencePolygon((LatLon(46.4, -7.4), LatLon(46.6, -7.4), LatLon(46.6
         ("route.txt", wpl.write_mission(ROUTE), "mission", 4),
         (
             "field.fen",
-            poly.write_fence(replace(FENCE, return_point=FramedPoint(46.5, -7.3, 0.0, Frame.ABOVE_HOME))),
+            write_fence_list(replace(FENCE, return_point=FramedPoint(46.5, -7.3, 0.0, Frame.ABOVE_HOME))),
             "fence",
             4,
         ),

@@ -5,8 +5,9 @@ from itertools import product
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats import litchi, poly, wpl
+from mission_io.formats import litchi, wpl
 from mission_io.formats.csv_tables import HEADER, read_csv, sniff, words_of
+from mission_io.formats.drawings import read_area_list, read_rally_list
 
 ITEMS = [
     HEADER,
@@ -98,13 +99,13 @@ def test_lines_of_numbers_are_the_same_in_every_dialect(between, decimal, quoted
     if decimal == "," and between == " , ":
         return
     lines = [between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in place) for place in PLACES]
-    assert poly.read_area("\n".join(lines)).area == poly.read_area("\n".join(" ".join(place) for place in PLACES)).area
+    assert read_area_list("\n".join(lines)).area == read_area_list("\n".join(" ".join(place) for place in PLACES)).area
     item = ("0", "1", "0", "16", "0", "0", "0", "0", "46.5", "8.5", "500.5", "1")
     row = between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in item)
     assert wpl.read(f"QGC WPL 110\n{row}\n").home == wpl.read("QGC WPL 110\n" + "\t".join(item) + "\n").home
     point = ("RALLY", "46.5", "8.5", "40.5", "0", "0", "0")
     row = between.join(word.replace(".", decimal) for word in point)
-    assert poly.read_rally(row).rally == poly.read_rally(" ".join(point)).rally
+    assert read_rally_list(row).rally == read_rally_list(" ".join(point)).rally
 
 
 @pytest.mark.parametrize(("line", "count"), [("46,51234,8,0123", 2), ("0,1,0,16,0,0,0,0,46,5,8,5,500,5,1", 12)])
@@ -112,4 +113,4 @@ def test_ambiguous_decimal_commas_are_named(line, count):
     with pytest.raises(FormatError, match="if it has decimal commas"):
         words_of(line, count)
     with pytest.raises(FormatError, match="decimal commas"):
-        wpl.read(f"QGC WPL 110\n{line}\n") if count == 12 else poly.read_area(line)
+        wpl.read(f"QGC WPL 110\n{line}\n") if count == 12 else read_area_list(line)

@@ -9,8 +9,19 @@ import shapely
 from shapely.geometry import mapping
 
 from mission_io.errors import FormatError
-from mission_io.formats import poly
-from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, Spot, fence_from_areas, read_geojson
+from mission_io.formats.drawings import (
+    Drawing,
+    DrawnArea,
+    DrawnLine,
+    PolyFile,
+    Spot,
+    fence_from_areas,
+    read_area_list,
+    read_fence_list,
+    read_geojson,
+    write_area_list,
+    write_fence_list,
+)
 from mission_io.formats.map_xml import read_kml_drawing, write_kml
 from mission_io.formats.text import MissionFile
 from mission_io.model.items import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
@@ -173,11 +184,11 @@ BOMB = '<!DOCTYPE kml [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;
         (read_geojson, '{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "only 2 different corners"),
         (read_geojson, '{"type": "Point", "coordinates": [1, 2], "crs": {"type": "name", "properties":'
          ' {"name": "urn:ogc:def:crs:EPSG::3857"}}}', "the reference system is 'urn:ogc:def:crs:EPSG::3857'; export"),
-        (poly.read_area, "33.1 -98.2\n33.2 -98.2\n", "the area: only 2 different corners"),
-        (poly.read_area, "33.1 -98.2 5\n", "line 1: expected 2 columns, not 3; latitude, then longitude"),
-        (poly.read_area, "-98.2 33.1\n", "is not a valid position; write latitude first"),
-        (poly.read_area, "x y\n", "line 1: 'x' is not a finite number"),
-        (poly.read_fence, "# nothing\n", "the file contains no positions; begin with the return point"),
+        (read_area_list, "33.1 -98.2\n33.2 -98.2\n", "the area: only 2 different corners"),
+        (read_area_list, "33.1 -98.2 5\n", "line 1: expected 2 columns, not 3; latitude, then longitude"),
+        (read_area_list, "-98.2 33.1\n", "is not a valid position; write latitude first"),
+        (read_area_list, "x y\n", "line 1: 'x' is not a finite number"),
+        (read_fence_list, "# nothing\n", "the file contains no positions; begin with the return point"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_one_error_with_its_place(read: Callable[[str], Any], text: str, what: str) -> None:
@@ -203,16 +214,16 @@ FENCE = Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 0.0))
 
 
 def test_poly_and_fen_files_survive_a_round_trip() -> None:
-    assert poly.read_area(poly.write_area(DrawnArea(RING))) == poly.PolyFile(DrawnArea(RING), ())
-    assert poly.read_fence(poly.write_fence(FENCE)) == MissionFile(fence=FENCE)
-    lines = poly.write_area(DrawnArea(RING)).splitlines()
+    assert read_area_list(write_area_list(DrawnArea(RING))) == PolyFile(DrawnArea(RING), ())
+    assert read_fence_list(write_fence_list(FENCE)) == MissionFile(fence=FENCE)
+    lines = write_area_list(DrawnArea(RING)).splitlines()
     assert lines[0].startswith("#")
     assert lines[1] == lines[-1] == "33.10000000 -98.20000000"
 
 
 def test_poly_files_of_mission_planner_are_read() -> None:
     theirs = "\ufeff#saved by Mission Planner 1.3.80\r\n33.1 -98.2\r\n33.3, -98.25\r\n33.35\t-98.05\r\n33.12 -98.04\r\n"
-    read = poly.read_area(theirs)
+    read = read_area_list(theirs)
     assert read.area == DrawnArea(RING)
     assert read.repairs == (
         "removed a byte order mark", "changed the line ends to LF", "line 3: changed the separators to spaces",
@@ -233,12 +244,12 @@ def test_poly_files_of_mission_planner_are_read() -> None:
 )
 def test_what_a_fen_file_cannot_hold_is_refused(fence: Fence) -> None:
     with pytest.raises(FormatError, match="format"):
-        poly.write_fence(fence)
+        write_fence_list(fence)
 
 
 def test_what_a_poly_file_cannot_hold_is_refused() -> None:
     with pytest.raises(FormatError, match=r"area: \.poly does not support holes"):
-        poly.write_area(AREA)
+        write_area_list(AREA)
 
 
 def test_a_fence_of_drawn_areas_keeps_the_vehicle_out_of_their_holes() -> None:

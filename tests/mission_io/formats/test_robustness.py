@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats import plan, poly, wpl
+from mission_io.formats import plan, wpl
 from mission_io.formats.csv_tables import HEADER, read_csv
-from mission_io.formats.drawings import read_geojson
+from mission_io.formats.drawings import read_area_list, read_geojson
 from mission_io.formats.map_xml import read_kml_drawing
 from mission_io.formats.text import text_from_bytes
 from scripts.attack import fuzz_formats
@@ -67,7 +67,7 @@ SIZES: dict[str, tuple[Callable[[str], object], Callable[[int], str]]] = {
     "kml, deep": (read_kml_drawing, lambda n: "<kml>" + "<a>" * n + "</a>" * n + "</kml>"),
     "kml, names": (read_kml_drawing, lambda n: f"<kml><Placemark><name>{'&lt;' * n}</name></Placemark></kml>"),
     "geojson": (read_geojson, lambda n: json.dumps({"type": "MultiPoint", "coordinates": [[1.5, 2.5]] * n})),
-    "poly": (poly.read_area, lambda n: "".join(f"{k / n} {k * k / n / n}\n" for k in range(n))),
+    "poly": (read_area_list, lambda n: "".join(f"{k / n} {k * k / n / n}\n" for k in range(n))),
     "bytes": (lambda text: text_from_bytes(text.encode("latin-1")), lambda n: "é\r\n" * n),
 }
 

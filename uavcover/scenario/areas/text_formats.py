@@ -12,9 +12,9 @@ from pyproj import CRS, Geod
 from pyproj.exceptions import CRSError
 
 from mission_io.errors import FormatError
-from mission_io.formats import plan, poly
+from mission_io.formats import plan
 from mission_io.formats.csv_tables import words_of
-from mission_io.formats.drawings import Drawing
+from mission_io.formats.drawings import Drawing, read_area_list, read_fence_list
 from mission_io.formats.map_xml import read_kml_drawing
 from mission_io.formats.text import Node, parse_json
 from mission_io.model.items import Fence, LatLon
@@ -216,13 +216,13 @@ def read_poly(text: str, source: str) -> AreaDocument:
     """A ``.poly`` file: latitude and longitude of one polygon, line by line; or one of OpenStreetMap's tools."""
     if is_osmosis(text):
         return read_osmosis(text, source)
-    read = poly.read_area(text)
+    read = read_area_list(text)
     return _of_drawing(Drawing((read.area,)), source)
 
 
 def read_fen(text: str, source: str) -> AreaDocument:
     """A ``.fen`` file: its fence is the area."""
-    return AreaDocument(source, _of_fence(poly.read_fence(text).fence or Fence(), "fence"), rings_may_be_open=True)
+    return AreaDocument(source, _of_fence(read_fence_list(text).fence or Fence(), "fence"), rings_may_be_open=True)
 
 
 def read_plan(text: str, source: str) -> AreaDocument:
