@@ -81,7 +81,7 @@ if TYPE_CHECKING:
         trigger_camera_every,
         waypoint,
     )
-    from mission_io.protocol.parameter_values import Parameter
+    from mission_io.protocol.parameters import Parameter
     from mission_io.protocol.server import ListChanged, MissionServer
     from mission_io.protocol.timing import Timing
     from mission_io.wire.codec import LinkStatistics
@@ -136,7 +136,7 @@ _PLACES = {
         "MissionItem", "MissionType", "RallyPoints", "SpeedType", "change_speed", "delay", "land", "look_ahead",
         "look_at", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint",
     ),
-    "mission_io.protocol.parameter_values": ("Parameter",),
+    "mission_io.protocol.parameters": ("Parameter",),
     "mission_io.protocol.server": ("ListChanged", "MissionServer"),
     "mission_io.protocol.timing": ("Timing",),
     "mission_io.wire.codec": ("LinkStatistics",),

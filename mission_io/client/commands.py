@@ -6,10 +6,16 @@ from typing import TypeVar
 from mission_io.client.connection import Connection, Progress, Stop
 from mission_io.client.peers import VehicleInfo
 from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentError, WaitCancelledError
-from mission_io.model.enums import AutopilotId, CommandResult
+from mission_io.model.enums import AutopilotId, Capability, CommandResult
 from mission_io.model.items import Command
-from mission_io.protocol.parameter_values import PARAM_ENCODE_BYTEWISE, PARAM_ENCODE_C_CAST, Parameter, Value
-from mission_io.protocol.parameters import ParameterDownload, ParameterMessages, ParameterReads, ParameterWrites
+from mission_io.protocol.parameters import (
+    Parameter,
+    ParameterDownload,
+    ParameterMessages,
+    ParameterReads,
+    ParameterWrites,
+    Value,
+)
 from mission_io.protocol.timing import CALLS
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
@@ -320,12 +326,12 @@ def _is_bytewise(client: Connection) -> bool:
         capabilities = request_message(client, AutopilotVersion, timeout_s=CALLS.ask_version_s).capabilities
     except (VehicleSilentError, CommandRefusedError):
         capabilities = 0
-    if not capabilities & (PARAM_ENCODE_BYTEWISE | PARAM_ENCODE_C_CAST):
+    if not capabilities & (Capability.PARAM_ENCODE_BYTEWISE | Capability.PARAM_ENCODE_C_CAST):
         raise MisuseError(
             f"vehicle {client.vehicle.system_id} ({client.vehicle.described}) does not report how its parameters "
             "encode whole numbers; specify bytewise"
         )
-    return bool(capabilities & PARAM_ENCODE_BYTEWISE)
+    return bool(capabilities & Capability.PARAM_ENCODE_BYTEWISE)
 
 
 def _listed(names: list[str]) -> str:

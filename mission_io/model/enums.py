@@ -138,3 +138,28 @@ class EkfFlag(IntFlag):
     POSITION_HORIZONTAL_ABSOLUTE = 0x10
     POSITION_VERTICAL_ABSOLUTE = 0x20
     CONSTANT_POSITION = 0x80
+
+
+class ParamType(IntEnum):
+    """Type of a parameter (MAV_PARAM_TYPE and MAV_PARAM_EXT_TYPE, which agree)."""
+
+    UINT8 = 1
+    INT8 = 2
+    UINT16 = 3
+    INT16 = 4
+    UINT32 = 5
+    INT32 = 6
+    UINT64 = 7
+    INT64 = 8
+    REAL32 = 9
+    REAL64 = 10
+    CUSTOM = 11
+
+
+class Capability(IntFlag):
+    """How an autopilot sends whole numbers as parameters (MAV_PROTOCOL_CAPABILITY)."""
+
+    PARAM_ENCODE_BYTEWISE = 0x10
+    """By their bits."""
+    PARAM_ENCODE_C_CAST = 0x20000
+    """By their value."""
