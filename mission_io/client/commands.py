@@ -37,39 +37,21 @@ def send_command(connection: Connection, command: int, params: tuple[float, ...]
         raise MisuseError(f"command {name_of(command)} has {len(params)} parameters, but the maximum is 7")
     p1, p2, p3, p4, p5, p6, p7 = (*params, *(0.0,) * (7 - len(params)))
     to = connection.vehicle.address
-
-    def send(attempt: int) -> None:
-        connection.send(m.CommandLong(*to, command, (p1, p2, p3, p4, p5, p6, p7), confirmation=min(attempt, 255)))
-
-    return _await_answer(connection, command, send, timeout_s)
-
-
-def send_command_int(connection: Connection, message: m.CommandInt, *, timeout_s: float) -> m.CommandAck:
-    """Send a COMMAND_INT repeatedly until answered; errors as ``send_command``."""
-    return _await_answer(connection, message.command, lambda _: connection.send(message), timeout_s)
-
-
-def _await_answer(connection: Connection, command: int, send: Callable[[int], None], timeout_s: float) -> m.CommandAck:
     started = False
 
-    def answers(received: m.Received) -> bool:
+    def is_answer(ack: m.CommandAck) -> bool:
         nonlocal started
-        ack = received.message
-        if not isinstance(ack, m.CommandAck) or ack.command != command:
-            return False
-        if ack.target_system not in (0, connection.local.system_id):
+        if ack.command != command or ack.target_system not in (0, connection.local.system_id):
             return False
         started = started or ack.result == CommandResult.IN_PROGRESS
         return ack.result != CommandResult.IN_PROGRESS
 
     def ask(attempt: int) -> None:
         if not started:  # a command in progress must not be repeated
-            send(attempt)
+            connection.send(m.CommandLong(*to, command, (p1, p2, p3, p4, p5, p6, p7), confirmation=min(attempt, 255)))
 
     what = f"an answer to command {name_of(command)}"
-    ack = connection.wait_until(answers, timeout_s=timeout_s, what=what, again=ask, again_s=CALLS.resend_s).message
-    if not isinstance(ack, m.CommandAck):
-        raise MisuseError(f"{ack} is not an answer to a command")
+    ack = _await_message(connection, m.CommandAck, is_answer, ask, timeout_s=timeout_s, what=what)
     if ack.result != CommandResult.ACCEPTED:
         raise refusal(connection.vehicle.system_id, ack)
     return ack

@@ -1,11 +1,11 @@
-"""Drawings of map programs, as data, as GeoJSON and as lists of positions: areas with holes, lines, spots and fences.
+"""Drawings of map programs, as data, as GeoJSON and as lists of positions: areas with holes, lines and spots.
 
 Also the positions of a mission in flying order, as the export formats draw them.
 """
 
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,18 +77,6 @@ class Drawing:
     spots: tuple[Spot, ...] = ()  # the single positions
     repairs: tuple[str, ...] = ()  # what was repaired or dropped to read it, one line each
     unclosed: tuple[str, ...] = ()  # those of the repairs that are about rings that were not closed
-
-
-def fence_from_areas(areas: Iterable[DrawnArea]) -> Fence:
-    """A fence that includes the areas and excludes their holes.
-
-    Autopilots require a position inside *every* inclusion polygon, so only one area makes sense for most of them.
-    """
-    polygons: list[FencePolygon] = []
-    for area in areas:
-        polygons.append(FencePolygon(area.exterior))
-        polygons += [FencePolygon(hole, inclusion=False) for hole in area.holes]
-    return Fence(tuple(polygons))
 
 
 def open_ring(points: list[LatLon], where: str, repairs: list[str]) -> tuple[LatLon, ...]:

@@ -113,7 +113,8 @@ def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
     """A file of areas."""
 
     def attempt(text: str) -> None:
-        fence = drawings.fence_from_areas(read_drawing(text).areas)
+        rings = [ring for area in read_drawing(text).areas for ring in (area.exterior, *area.holes)]
+        fence = Fence(tuple(map(FencePolygon, rings)))
         written = wpl.write_fence(fence, GeoPoint(1.0, 2.0, 3.0))
         check(len(wpl.read(written).fence().polygons) == len(fence.polygons), "areas survive as a fence")
 

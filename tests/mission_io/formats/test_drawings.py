@@ -15,7 +15,6 @@ from mission_io.formats.drawings import (
     DrawnLine,
     PolyFile,
     Spot,
-    fence_from_areas,
     read_area_list,
     read_fence_list,
     read_geojson,
@@ -250,7 +249,3 @@ def test_what_a_fen_file_cannot_hold_is_refused(fence: Fence) -> None:
 def test_what_a_poly_file_cannot_hold_is_refused() -> None:
     with pytest.raises(FormatError, match=r"area: \.poly does not support holes"):
         write_area_list(AREA)
-
-
-def test_a_fence_of_drawn_areas_keeps_the_vehicle_out_of_their_holes() -> None:
-    assert fence_from_areas([AREA]) == Fence((FencePolygon(RING), FencePolygon(HOLE, inclusion=False)))
