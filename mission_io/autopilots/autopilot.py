@@ -1,96 +1,188 @@
-"""Treatment of missions by ArduPilot and PX4, as data: conversion into their terms and wire lists.
+"""Treatment of missions by ArduPilot and PX4, as data: what they accept, round and answer, and their flight modes.
 
-Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources.
-
-A vehicle keeps three lists: mission, fence and rally points. Each is an item list on the wire.
+Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources. A vehicle keeps three
+lists: mission, fence and rally points. Each is an item list on the wire.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from types import MappingProxyType
-from typing import Final
+from typing import Final, TypeAlias
 
-from mission_io.autopilots.storage import (
-    ARDUPILOT_COPTER_STORAGE,
-    ARDUPILOT_PLANE_STORAGE,
-    PX4_STORAGE,
-    Storage,
-    StorageRule,
-)
-from mission_io.data_tables import data_rows
+from mission_io.data_tables import read_document
 from mission_io.errors import MisuseError
-from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass
-from mission_io.model.items import (
-    Command,
-    Frame,
-    MissionItem,
-    MissionType,
-)
+from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass, VehicleKind, kind_of
+from mission_io.model.items import FENCE_COMMANDS, WITHOUT_POSITION, Command, Frame, MissionItem, MissionType
+from mission_io.wire.mission_items import float32
 
-# Vehicle types: the numbers of MAV_TYPE, by name and by kind (multicopter, plane, rover, ...).
-
-
-class VehicleKind(Enum):
-    """Vehicles that move in the same way; the value is for people."""
-
-    MULTIROTOR = "multirotor"
-    HELICOPTER = "helicopter"
-    PLANE = "plane"
-    VTOL = "VTOL plane"
-    ROVER = "rover"
-    BOAT = "boat"
-    SUBMARINE = "submarine"
-    AIRSHIP = "airship"
-    OTHER = "other vehicle"
-    NO_VEHICLE = "part of a vehicle, or a station"
+# Rounding of received numbers: one rule for each field that an autopilot changes.
+#
+# ArduPilot packs an item into 15 bytes, so most fields are rounded or dropped. What each command keeps was read in AP_Mission;
+# for waypoints, landings, fences and rally points it was also observed on a simulated ArduCopter 4.7.
 
 
 @dataclass(frozen=True, slots=True)
-class _Type:
-    number: int
-    kind: VehicleKind
+class StorageRule:
+    """One way in which an autopilot changes what it is given, by design."""
+
+    field: str  # the changed field: ``param1`` to ``param4``, ``lat_deg``, ``lon_deg`` or ``alt_m``
+    commands: frozenset[int]  # the commands it concerns
+    store: Callable[[float], float]  # from the number sent to the number that comes back
+    largest_change: float  # a larger change is not by design, even when ``store`` predicts it
+    why: str  # the reason, for people
 
 
-_TYPES: Final[Mapping[int, tuple[str, VehicleKind]]] = MappingProxyType(
+Storage: TypeAlias = Mapping[tuple[str, int], StorageRule]
+"""The rules of an autopilot by field and command."""
+
+_BELOW_ONE = 0.9999999
+
+
+def _whole(mask: int) -> Callable[[float], float]:
+    return lambda value: float(math.trunc(value) & mask) if math.isfinite(value) else 0.0
+
+
+_whole_uint16, _whole_byte = _whole(0xFFFF), _whole(0xFF)
+
+
+def _byte_at_most(value: float) -> float:
+    """Plane's radii are held at 255, but a negative one wraps first."""
+    return min(255.0, _whole_uint16(value))
+
+
+def _signed_radius(whole: Callable[[float], float]) -> Callable[[float], float]:
+    return lambda value: math.copysign(whole(abs(value)), value) + 0.0
+
+
+def _whole_signed(bits: int) -> Callable[[float], float]:
+    half = 1 << (bits - 1)
+
+    def store(value: float) -> float:
+        return float((math.trunc(value) + half) % (2 * half) - half) if math.isfinite(value) else 0.0
+
+    return store
+
+
+def _to_centimetres(value: float) -> float:
+    """Truncated toward zero, as a C cast does, in the arithmetic of 32-bit floats."""
+    return math.trunc(float32(float32(value) * 100.0)) / 100.0 if math.isfinite(value) else 0.0
+
+
+def _to_metres(value: float) -> float:
+    return float(math.trunc(value)) if math.isfinite(value) else 0.0
+
+
+def _turn_direction(value: float) -> float:
+    return -1.0 if value < 0.0 else 1.0
+
+
+def _is_above_zero(value: float) -> float:
+    return 1.0 if value > 0.0 else 0.0
+
+
+def _drop(names: Sequence[str], commands: Iterable[int], why: str) -> tuple[StorageRule, ...]:
+    return tuple(_rule(name, commands, lambda _: 0.0, why, math.inf) for name in names)
+
+
+def _rule(
+    name: str, commands: Iterable[int], store: Callable[[float], float], why: str, largest_change: float = _BELOW_ONE
+) -> StorageRule:
+    return StorageRule(name, frozenset(commands), store, largest_change, why)
+
+
+def _by_field(*rules: StorageRule) -> Storage:
+    """The rules by command and field; the first of two for the same field counts."""
+    found: dict[tuple[str, int], StorageRule] = {}
+    for rule in rules:
+        for command in rule.commands:
+            found.setdefault((rule.field, command), rule)
+    return MappingProxyType(found)
+
+
+_C = Command
+_RALLY = frozenset({int(_C.NAV_RALLY_POINT)})
+_PLACES = frozenset(
     {
-        row.number: (name, row.kind)
-        for name, row in data_rows(_Type, "mission_io/data/vehicle_types.toml", "types").items()
+        _C.NAV_WAYPOINT, _C.NAV_LOITER_UNLIM, _C.NAV_LOITER_TURNS, _C.NAV_LOITER_TIME, _C.NAV_LAND, _C.NAV_TAKEOFF,
+        _C.NAV_LOITER_TO_ALT, _C.NAV_SPLINE_WAYPOINT, _C.NAV_VTOL_TAKEOFF, _C.NAV_VTOL_LAND, _C.DO_SET_ROI_LOCATION,
     }
+)  # fmt: skip
+_WHOLE = "ArduPilot stores this value as a whole number"
+_UNUSED = "ArduPilot does not use this value"
+_SIGN = "ArduPilot keeps only the sign of the radius here"
+_EXIT = "ArduPilot stores this value as yes or no"
+_LANDING = "ArduPilot keeps only the sign of a landing's fourth parameter, as 1 or -1 (seen with ArduCopter 4.7)"
+_KEEP_PARAMETERS_5_TO_7 = {"lat_deg": {_C.DO_DIGICAM_CONTROL, _C.DO_GIMBAL_MANAGER_PITCHYAW},
+                           "lon_deg": {_C.DO_DIGICAM_CONTROL},
+                           "alt_m": {_C.DO_GIMBAL_MANAGER_PITCHYAW}}  # fmt: skip
+
+_ARDUPILOT_COMMON = (
+    _rule("param1", {_C.NAV_SPLINE_WAYPOINT, _C.NAV_LOITER_TIME, _C.NAV_TAKEOFF, _C.NAV_LAND}, _whole_uint16, _WHOLE),
+    _rule("param3", {_C.NAV_LOITER_UNLIM}, _signed_radius(_whole_uint16), _WHOLE),
+    _rule("param2", {_C.NAV_LOITER_TO_ALT}, _signed_radius(_whole_uint16), _WHOLE),
+    _rule("param1", {_C.NAV_LOITER_TURNS}, _whole_byte, _WHOLE),
+    _rule("param3", {_C.NAV_LOITER_TURNS}, _signed_radius(_whole_byte), _WHOLE),
+    _rule("param3", {_C.NAV_LOITER_TIME}, _turn_direction, _SIGN, math.inf),
+    _rule("param4", {_C.NAV_LOITER_TURNS, _C.NAV_LOITER_TIME, _C.NAV_LOITER_TO_ALT}, _is_above_zero, _EXIT, math.inf),
+    _rule("param4", {_C.NAV_LAND}, _turn_direction, _LANDING, math.inf),
+    *_drop(("param2", "param3", "param4"), {_C.NAV_TAKEOFF, _C.DO_SET_ROI_LOCATION, _C.NAV_SPLINE_WAYPOINT}, _UNUSED),
+    *_drop(("param2", "param3"), {_C.NAV_LAND}, _UNUSED),
+    *_drop(("param1", "param2", "param4"), {_C.NAV_LOITER_UNLIM}, _UNUSED),
+    *_drop(("param2",), {_C.NAV_LOITER_TURNS, _C.NAV_LOITER_TIME}, _UNUSED),
+    *_drop(("param1", "param3"), {_C.NAV_LOITER_TO_ALT}, _UNUSED),
+    *_drop(("param1", "param2", "param3", "param4"), {_C.NAV_VTOL_TAKEOFF, _C.NAV_VTOL_LAND}, _UNUSED),
+    *_drop(("param2", "param3", "param4"), {_C.CONDITION_DELAY, _C.CONDITION_DISTANCE}, _UNUSED),
+    *_drop(("param4",), {_C.DO_CHANGE_SPEED, _C.DO_MOUNT_CONTROL}, _UNUSED),
+    *_drop(("param3", "param4"), {_C.DO_JUMP}, _UNUSED),
+    *_drop(("param1", "param2", "param3", "param4"), {_C.NAV_RETURN_TO_LAUNCH, _C.DO_LAND_START}, _UNUSED),
+    *_drop(("param2", "param4"), {_C.DO_SET_CAM_TRIGG_DIST}, _UNUSED),
+    _rule("param1", {_C.DO_JUMP}, _whole_uint16, _WHOLE),
+    _rule("param2", {_C.DO_JUMP}, _whole_signed(16), _WHOLE),
+    _rule("param1", {_C.DO_CHANGE_SPEED}, _whole_byte, _WHOLE),
+    _rule("param3", {_C.CONDITION_YAW}, _whole_signed(8), _WHOLE),
+    _rule("param4", {_C.CONDITION_YAW}, _whole_byte, _WHOLE),
+    *(_rule(f"param{n}", {_C.NAV_DELAY}, _whole_signed(8), _WHOLE) for n in (2, 3, 4)),
+    *(_rule(f"param{n}", {_C.DO_GIMBAL_MANAGER_PITCHYAW}, _whole_signed(8), _WHOLE) for n in (1, 3, 4)),
+    _rule("param2", {_C.DO_GIMBAL_MANAGER_PITCHYAW}, _whole_signed(16), _WHOLE),
+    *(
+        rule
+        for name, kept in _KEEP_PARAMETERS_5_TO_7.items()
+        for rule in _drop(
+            (name,), WITHOUT_POSITION - kept, "ArduPilot keeps only these values of a command without a position"
+        )
+    ),
+    _rule("alt_m", _PLACES, _to_centimetres, "ArduPilot truncates altitudes to centimetres", 0.01001),
+    *_drop(
+        ("param2", "param3", "param4", "alt_m"), FENCE_COMMANDS, "ArduPilot keeps only the position and size of a fence"
+    ),
+    *_drop(("param1", "param2", "param3", "param4"), _RALLY, "ArduPilot keeps only the position of a rally point"),
+    _rule("alt_m", _RALLY, _to_metres, "ArduPilot truncates rally altitudes to metres", 1.0),
 )
-"""Name and kind of each MAV_TYPE."""
 
-VEHICLE_TYPES: Final = tuple(_TYPES)
-"""The numbers that have a name here."""
+ARDUPILOT_COPTER_STORAGE = _by_field(
+    _rule("param1", {_C.NAV_WAYPOINT}, _whole_uint16, "ArduPilot stores a waypoint's hold time in whole seconds"),
+    *_drop(("param2", "param3", "param4"), {_C.NAV_WAYPOINT}, "ArduPilot keeps only a waypoint's hold time"),
+    *_ARDUPILOT_COMMON,
+)
+"""ArduPilot on multicopters, helicopters, rovers, boats and submarines."""
 
+ARDUPILOT_PLANE_STORAGE = _by_field(
+    _rule(
+        "param1", {_C.NAV_WAYPOINT}, lambda _: 0.0, "ArduPilot planes do not hold at a waypoint; use a loiter item", 0.0
+    ),
+    *(
+        _rule(f"param{n}", {_C.NAV_WAYPOINT}, _byte_at_most, "ArduPilot stores this value in whole metres, up to 255")
+        for n in (2, 3)
+    ),
+    *_drop(("param4",), {_C.NAV_WAYPOINT}, _UNUSED),
+    *_ARDUPILOT_COMMON,
+)
+"""ArduPilot on fixed wings."""
 
-def type_name(vehicle_type: int) -> str:
-    """The name of a MAV_TYPE number, for people and as :func:`parse_type` reads it.
-
-    >>> type_name(2), type_name(22), type_name(200)
-    ('quadrotor', 'vtol-fixedrotor', 'type 200')
-    """
-    known = _TYPES.get(vehicle_type)
-    return f"type {vehicle_type}" if known is None else known[0]
-
-
-def kind_of(vehicle_type: int) -> VehicleKind:
-    """The kind of vehicle with a MAV_TYPE number; an unknown number is another vehicle."""
-    known = _TYPES.get(vehicle_type)
-    return VehicleKind.OTHER if known is None else known[1]
-
-
-def parse_type(text: str) -> int:
-    """The MAV_TYPE number of a vehicle's name; ``vtol`` is short for the most usual of them.
-
-    Raises:
-        MisuseError: no vehicle has that name; it says which names there are.
-    """
-    wanted = "vtol-fixedrotor" if text == "vtol" else text
-    vehicles = {name: number for number, (name, kind) in _TYPES.items() if kind is not VehicleKind.NO_VEHICLE}
-    if wanted not in vehicles:
-        raise MisuseError(f"unknown vehicle type {text!r}; use one of {', '.join(vehicles)}")
-    return vehicles[wanted]
+PX4_STORAGE = _by_field(*_drop(("param3",), {_C.NAV_WAYPOINT}, "PX4 does not store a waypoint's pass radius"))
+"""PX4."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,83 +387,36 @@ class Mode(Enum):
     LAND = "land"
 
 
-def _px4(main: int, sub: int = 0) -> int:
-    return main << 16 | sub << 24
-
-
-_CUSTOM_MODES: Mapping[Firmware, Mapping[Mode, int]] = MappingProxyType(
+_MODES: Final[Mapping[Firmware, Mapping[Mode, tuple[int, ...]]]] = MappingProxyType(
     {
-        Firmware.COPTER: {
-            Mode.MANUAL: 0,  # STABILIZE
-            Mode.MISSION: 3,  # AUTO
-            Mode.GUIDED: 4,
-            Mode.HOLD: 5,  # LOITER
-            Mode.RETURN: 6,  # RTL
-            Mode.LAND: 9,
-        },
-        Firmware.PLANE: {
-            Mode.MANUAL: 0,
-            Mode.MISSION: 10,  # AUTO
-            Mode.RETURN: 11,  # RTL
-            Mode.HOLD: 12,  # LOITER: in circles
-            Mode.GUIDED: 15,
-            Mode.LAND: 20,  # QLAND, of those that land vertically
-        },
-        Firmware.ROVER: {Mode.MANUAL: 0, Mode.HOLD: 4, Mode.MISSION: 10, Mode.RETURN: 11, Mode.GUIDED: 15},
-        Firmware.SUB: {
-            Mode.MISSION: 3,  # AUTO
-            Mode.GUIDED: 4,
-            Mode.LAND: 9,  # SURFACE
-            Mode.HOLD: 16,  # POSHOLD
-            Mode.MANUAL: 19,
-        },
-        Firmware.BLIMP: {Mode.LAND: 0, Mode.MANUAL: 1, Mode.HOLD: 3, Mode.RETURN: 4, Mode.MISSION: 5},
-        Firmware.PX4: {
-            Mode.MANUAL: _px4(1),
-            Mode.GUIDED: _px4(3),  # POSCTL: holds its place unless the pilot says otherwise
-            Mode.HOLD: _px4(4, 3),
-            Mode.MISSION: _px4(4, 4),
-            Mode.RETURN: _px4(4, 5),
-            Mode.LAND: _px4(4, 6),
-        },
+        Firmware[firmware]: {Mode[mode]: tuple(numbers) for mode, numbers in modes.items()}
+        for firmware, modes in read_document("mission_io/data/flight_modes.toml").items()
     }
 )
-"""From the autopilots' sources; a number means something else to each: 4 is GUIDED, ACRO, HOLD or RTL."""
-
-
-_ALSO: Mapping[Firmware, Mapping[int, Mode]] = MappingProxyType(
-    {
-        Firmware.COPTER: {16: Mode.HOLD, 17: Mode.HOLD, 21: Mode.RETURN},  # POSHOLD, BRAKE, SMART_RTL
-        Firmware.PLANE: {19: Mode.HOLD, 21: Mode.RETURN},  # QLOITER, QRTL
-        Firmware.ROVER: {5: Mode.HOLD, 12: Mode.RETURN},  # LOITER, SMART_RTL
-    }
-)
-"""Further modes that mean the same to this package; it never asks for them."""
+"""The number that is asked for comes first."""
 
 
 def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
     """The heartbeat's ``custom_mode`` of a mode. Raises MisuseError: such a vehicle has no such mode."""
-    number = _CUSTOM_MODES.get(autopilot.firmware, {}).get(mode)
-    if number is None:
+    numbers = _MODES.get(autopilot.firmware, {}).get(mode)
+    if numbers is None:
         raise MisuseError(f"{autopilot.name} has no {mode.value} mode")
-    return number
+    return numbers[0]
 
 
 def has_mode(autopilot: Autopilot, mode: Mode) -> bool:
     """Whether such a vehicle has a mode, as far as it is known here."""
-    return mode in _CUSTOM_MODES.get(autopilot.firmware, {})
+    return mode in _MODES.get(autopilot.firmware, {})
 
 
 def mode_from_custom(autopilot: Autopilot, number: int) -> Mode | None:
     """The mode that a heartbeat's ``custom_mode`` stands for; None for one that this package has no word for."""
-    for mode, known in _CUSTOM_MODES.get(autopilot.firmware, {}).items():
-        if known == number:
-            return mode
-    return _ALSO.get(autopilot.firmware, {}).get(number)
+    modes = _MODES.get(autopilot.firmware, {})
+    return next((mode for mode, numbers in modes.items() if number in numbers), None)
 
 
 def mode_from_params(autopilot: Autopilot, params: tuple[float, ...]) -> Mode | None:
     """The mode that a DO_SET_MODE command requests: PX4 has main and sub mode in two parameters."""
     if autopilot.mav_autopilot == AutopilotId.PX4:
-        return mode_from_custom(autopilot, _px4(int(params[1]), int(params[2])))
+        return mode_from_custom(autopilot, int(params[1]) << 16 | int(params[2]) << 24)
     return mode_from_custom(autopilot, int(params[1]))

@@ -2,7 +2,7 @@
 
 The only comparison in the package: used after an upload, before arming, and in flight. Positions agree within 2 cm, or
 within the effect of MAVLink's steps of 1e-7 degrees where that is larger; heights agree within 2 cm; parameters agree when
-they mean the same to their command. Changes that an autopilot makes by design are in ``storage``.
+they mean the same to their command. Changes that an autopilot makes by design are its ``storage``.
 
 What the parameters of a command mean is data, in ``parameter_meanings``.
 """

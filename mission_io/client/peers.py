@@ -7,9 +7,9 @@ import logging
 from dataclasses import dataclass
 from typing import Final
 
-from mission_io.autopilots.autopilot import Autopilot, VehicleKind, autopilot_for, kind_of, type_name
+from mission_io.autopilots.autopilot import Autopilot, autopilot_for
 from mission_io.errors import AmbiguousVehicleError, MisuseError
-from mission_io.model.enums import AutopilotId, VehicleClass
+from mission_io.model.enums import AutopilotId, VehicleClass, VehicleKind, kind_of, type_name
 from mission_io.model.plain_text import counted
 from mission_io.protocol.timing import CALLS
 from mission_io.wire.codec import LinkStatistics

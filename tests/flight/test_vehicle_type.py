@@ -3,16 +3,8 @@
 import pytest
 from pymavlink import mavutil
 
-from mission_io.autopilots.autopilot import (
-    ARDUPILOT,
-    PX4,
-    VEHICLE_TYPES,
-    VehicleKind,
-    autopilot_for,
-    kind_of,
-    parse_type,
-    type_name,
-)
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, autopilot_for
+from mission_io.model.enums import VEHICLE_TYPES, VehicleKind, kind_of, parse_type, type_name
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from tests.flight.scene import make_scene, mission

@@ -3,7 +3,7 @@
 Only multirotors may be flown: plans, return routes and the meaning of a landing hold for nothing else.
 """
 
-from mission_io.autopilots.autopilot import Autopilot, VehicleKind, type_name
+from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.autopilot import Mode as Mode
 from mission_io.autopilots.autopilot import custom_mode as number_of_mode
 from mission_io.autopilots.autopilot import has_mode as has_mode
@@ -11,7 +11,7 @@ from mission_io.autopilots.autopilot import mode_from_custom as mode_from_custom
 from mission_io.autopilots.autopilot import mode_from_params as mode_from_params
 from mission_io.client.peers import VehicleInfo, two_in_one
 from mission_io.errors import MisuseError
-from mission_io.model.enums import Firmware
+from mission_io.model.enums import Firmware, VehicleKind, type_name
 from uavcover.errors import VehicleError
 from uavcover.flight.client import VehicleClient
 

@@ -12,13 +12,7 @@ from mission_io.errors import FormatError
 from mission_io.formats.litchi import write_csv
 from mission_io.formats.point_route import camera_flight
 from mission_io.formats.wpml import write_kmz
-from mission_io.model.actions import (
-    PointGimbal,
-    PointMount,
-    StartPictures,
-    TakePicture,
-    item_of,
-)
+from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, item_of
 from mission_io.model.items import (
     Command,
     Frame,
