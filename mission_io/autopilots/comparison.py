@@ -90,16 +90,7 @@ def _rounding(size: float) -> float:
     return max(_SIX_DECIMALS, size * _FLOAT32_STEP) if math.isfinite(size) else 0.0
 
 
-_LETTERS: Mapping[str, Meaning] = MappingProxyType(
-    {
-        "-": Meaning.RESERVED,
-        "n": Meaning.NUMBER,
-        "d": Meaning.OR_DEFAULT,
-        "a": Meaning.IF_ABOVE_ZERO,
-        "p": Meaning.IF_NOT_NEGATIVE,
-        "h": Meaning.HEADING,
-    }
-)
+_LETTERS: Mapping[str, Meaning] = MappingProxyType(dict(zip("-ndaph", Meaning, strict=True)))
 
 
 @cache

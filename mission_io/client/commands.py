@@ -25,7 +25,9 @@ from mission_io.wire.mission_items import float32
 MessageT = TypeVar("MessageT", bound=m.Message)
 
 
-def send_command(connection: Connection, command: int, params: tuple[float, ...], *, timeout_s: float) -> m.CommandAck:
+def send_command(
+    connection: Connection, command: int, *params: float, timeout_s: float = CALLS.answer_s
+) -> m.CommandAck:
     """Send a COMMAND_LONG repeatedly until answered, with an increasing confirmation.
 
     Raises:
@@ -68,14 +70,14 @@ def refusal(system_id: int, ack: m.CommandAck) -> CommandRefusedError:
     )
 
 
-def set_mode(connection: Connection, custom_mode: int, *, timeout_s: float) -> None:
+def set_mode(connection: Connection, custom_mode: int, *, timeout_s: float = CALLS.answer_s) -> None:
     """Change the flight mode and wait until the vehicle's heartbeat shows it.
 
     Raises:
         CommandRefusedError: the vehicle refuses that mode now.
         VehicleSilentError: no answer, or no heartbeat with that mode, within ``timeout_s`` seconds each.
     """
-    send_command(connection, Command.DO_SET_MODE, mode_params(connection.vehicle, custom_mode), timeout_s=timeout_s)
+    send_command(connection, Command.DO_SET_MODE, *mode_params(connection.vehicle, custom_mode), timeout_s=timeout_s)
     await_mode(connection, custom_mode, timeout_s=timeout_s)
 
 
@@ -102,14 +104,14 @@ def await_mode(connection: Connection, custom_mode: int, *, timeout_s: float) ->
 
 
 def request_message_interval(
-    connection: Connection, kind: type[m.Message], interval_s: float, *, timeout_s: float
+    connection: Connection, kind: type[m.Message], interval_s: float, *, timeout_s: float = CALLS.answer_s
 ) -> m.CommandAck:
     """Request a message at an interval of ``interval_s`` seconds; errors as ``send_command``."""
-    params = (float(message_id(kind)), interval_s * 1e6)
-    return send_command(connection, Command.SET_MESSAGE_INTERVAL, params, timeout_s=timeout_s)
+    numbers = float(message_id(kind)), interval_s * 1e6
+    return send_command(connection, Command.SET_MESSAGE_INTERVAL, *numbers, timeout_s=timeout_s)
 
 
-def request_message(connection: Connection, kind: type[MessageT], *, timeout_s: float) -> MessageT:
+def request_message(connection: Connection, kind: type[MessageT], *, timeout_s: float = CALLS.answer_s) -> MessageT:
     """Request a message once and wait for it.
 
     Raises:
@@ -129,7 +131,7 @@ def message_question(to: VehicleInfo, kind: type[MessageT], attempt: int = 0) ->
     return m.CommandLong(*to.address, Command.REQUEST_MESSAGE, params, confirmation=min(attempt, 255))
 
 
-def read_parameter(connection: Connection, name: str, *, timeout_s: float) -> m.ParamValue:
+def read_parameter(connection: Connection, name: str, *, timeout_s: float = CALLS.answer_s) -> m.ParamValue:
     """Read a parameter by its name.
 
     Raises:
@@ -140,7 +142,7 @@ def read_parameter(connection: Connection, name: str, *, timeout_s: float) -> m.
 
 
 def set_parameter(
-    connection: Connection, name: str, value: float, *, param_type: int = 9, timeout_s: float
+    connection: Connection, name: str, value: float, *, param_type: int = 9, timeout_s: float = CALLS.answer_s
 ) -> m.ParamValue:
     """Set a parameter and wait for the vehicle to report its value.
 

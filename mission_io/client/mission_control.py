@@ -194,7 +194,7 @@ def _current(connection: Connection) -> MissionCurrent | None:
         return None
 
 
-def start_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
+def start_mission(connection: Connection, *, timeout_s: float = CALLS.answer_s) -> None:
     """Fly the mission: its mode, and on a multirotor of ArduPilot MISSION_START, without which it stays on the ground.
 
     The vehicle has to be armed, which is left to you.
@@ -207,10 +207,10 @@ def start_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
     autopilot = connection.vehicle.autopilot
     commands.set_mode(connection, custom_mode(autopilot, Mode.MISSION), timeout_s=timeout_s)
     if autopilot.firmware is Firmware.COPTER:
-        commands.send_command(connection, Command.MISSION_START, (), timeout_s=timeout_s)
+        commands.send_command(connection, Command.MISSION_START, timeout_s=timeout_s)
 
 
-def pause_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
+def pause_mission(connection: Connection, *, timeout_s: float = CALLS.answer_s) -> None:
     """Stop in the air and keep the current item of the mission.
 
     ArduCopter stops inside AUTO (DO_PAUSE_CONTINUE), or where it refuses that, in LOITER; planes circle, others and PX4 hold.
@@ -223,7 +223,7 @@ def pause_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
     _pause_or_continue(connection, 0.0, Mode.HOLD, timeout_s)
 
 
-def resume_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
+def resume_mission(connection: Connection, *, timeout_s: float = CALLS.answer_s) -> None:
     """Go on after ``pause_mission``, at the item that was current.
 
     ArduPilot begins anew instead when its parameter MIS_RESTART is 1.
@@ -240,7 +240,7 @@ def _pause_or_continue(connection: Connection, go_on: float, mode: Mode, timeout
     autopilot = vehicle.autopilot
     if autopilot.firmware is Firmware.COPTER and vehicle.custom_mode == custom_mode(autopilot, Mode.MISSION):
         with contextlib.suppress(CommandRefusedError):
-            commands.send_command(connection, Command.DO_PAUSE_CONTINUE, (go_on,), timeout_s=timeout_s)
+            commands.send_command(connection, Command.DO_PAUSE_CONTINUE, go_on, timeout_s=timeout_s)
             return
     commands.set_mode(connection, custom_mode(autopilot, mode), timeout_s=timeout_s)
 

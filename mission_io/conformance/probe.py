@@ -189,6 +189,12 @@ class Probe:
         check(answer is not None, f"COUNT {count} was not answered")
         check(seq_of(answer) == 0, f"it requested item {seq_of(answer)} first")
 
+    def begin_new(self, count: int) -> tuple[MissionItem, ...]:
+        """Begin to upload a mission that ``hold_sample`` does not give; it. Errors as ``begin_upload``."""
+        new = sample(MissionType.MISSION, count, first=PROBE.new_items)
+        self.begin_upload(count, MissionType.MISSION)
+        return new
+
     def finish_upload(
         self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = PROBE.answer_s
     ) -> m.MissionAck:

@@ -104,13 +104,7 @@ class VehicleClass(IntEnum):
     FIXED_WING = 1
     QUADROTOR = 2
     GROUND_STATION = 6
-    ROVER = 10
     HEXAROTOR = 13
-    OCTOROTOR = 14
-    ONBOARD_CONTROLLER = 18
-    GIMBAL = 26
-    ADSB = 27
-    CAMERA = 30
 
 
 class AutopilotId(IntEnum):
