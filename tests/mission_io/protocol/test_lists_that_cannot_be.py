@@ -49,7 +49,7 @@ def partial_list(start: int, end: int) -> bytes:
 
 @pytest.mark.parametrize(("start", "end"), [(0, 2), (-1, 5), (3, 1), (0, 32767)])
 def test_vehicle_write_partial(start: int, end: int) -> None:
-    """PX4 knows no parts, whatever their bounds: nothing is answered and nothing changes. ArduPilot: test_part_upload.py."""
+    """PX4 knows no parts, whatever their bounds: nothing is answered and nothing changes. ArduPilot: test_lists.py."""
     peer = VehiclePeer(PX4)
     peer.server.set_items(MissionType.MISSION, items(5))
     peer.receive_datagram(partial_list(start, end), 0.0)
