@@ -5,17 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mission_io.errors import FormatError
-from mission_io.formats import drawings, files, plan, wpl
-from mission_io.formats.csv_tables import read_csv, write_csv
-from mission_io.formats.drawings import DrawnArea
-from mission_io.formats.map_xml import read_kml_drawing, write_kml
-from mission_io.formats.text import MissionFile, text_from_bytes
-from mission_io.model.diff import apply_diff, diff
-from mission_io.model.items import (
+from mission_io import (
     Fence,
     FencePolygon,
-    Frame,
     FramedPoint,
     GeoPoint,
     LatLon,
@@ -23,13 +15,12 @@ from mission_io.model.items import (
     MissionItem,
     MissionType,
     RallyPoints,
-    change_speed,
-    land,
-    same_item,
-    takeoff,
-    trigger_camera_every,
-    waypoint,
 )
+from mission_io.errors import FormatError
+from mission_io.formats import csv_tables, drawings, files, map_xml, plan, wpl
+from mission_io.formats.text import MissionFile, text_from_bytes
+from mission_io.model.diff import apply_diff, diff
+from mission_io.model.items import Frame, change_speed, land, same_item, takeoff, trigger_camera_every, waypoint
 from mission_io.wire.mission_items import read_mission_dat, write_mission_dat
 
 LONGEST_ERROR = 500
@@ -104,9 +95,9 @@ def try_plan(text: str) -> None:
 
 def try_csv(text: str) -> None:
     """A CSV file."""
-    read = read_csv(text)
-    written = write_csv(read.mission)
-    check(read_csv(written) == MissionFile(read.mission), "what was read survives writing")
+    read = csv_tables.read_csv(text)
+    written = csv_tables.write_csv(read.mission)
+    check(csv_tables.read_csv(written) == MissionFile(read.mission), "what was read survives writing")
 
 
 def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
@@ -241,12 +232,12 @@ def _seeds() -> dict[str, list[str]]:
         "wpl": [wpl.write_mission(mission), wpl.write_fence(fence, home), wpl.write_mission(mission).replace("110", "120"),
                 wpl.write_fence(fence, None), odd],
         "plan": [whole, json.dumps(document), old_parts],
-        "csv": [write_csv(mission)],
-        "kml": [write_kml(Mission(home, mission.items[:3])), f"<kml><Placemark><name>a</name>{polygon}</Placemark></kml>",
+        "csv": [csv_tables.write_csv(mission)],
+        "kml": [map_xml.write_kml(Mission(home, mission.items[:3])), f"<kml><Placemark><name>a</name>{polygon}</Placemark></kml>",
                 f"<kml><MultiGeometry>{linear}<Point><coordinates>1,2</coordinates></Point></MultiGeometry></kml>"],
         "geojson": [json.dumps({"type": "FeatureCollection", "features": [feature]}),
                     json.dumps({"type": "GeometryCollection", "geometries": [shape, {"type": "Point", "coordinates": [1, 2]}]})],
-        "poly": [drawings.write_area_list(DrawnArea(ring))],
+        "poly": [drawings.write_area_list(drawings.DrawnArea(ring))],
         "fen": [drawings.write_fence_list(fence)],
         "old": old,
         "rally": [rally_text],
@@ -262,7 +253,7 @@ def targets() -> dict[str, Target]:
         "wpl": try_wpl,
         "plan": try_plan,
         "csv": try_csv,
-        "kml": try_drawing(read_kml_drawing),
+        "kml": try_drawing(map_xml.read_kml_drawing),
         "geojson": try_drawing(drawings.read_geojson),
         "poly": try_poly,
         "fen": try_fen,
