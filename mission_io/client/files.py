@@ -19,18 +19,8 @@ from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.ftp_files import FtpDownload, FtpUpload
 from mission_io.protocol.ftp_transfer import FtpEntry, FtpListing, FtpState, FtpTransfer
 from mission_io.protocol.timing import CALLS, FILES
-from mission_io.wire.messages import (
-    LOG_DATA_BYTES,
-    Address,
-    FileTransfer,
-    LogData,
-    LogEntry,
-    LogRequestData,
-    LogRequestEnd,
-    LogRequestList,
-    Message,
-    Received,
-)
+from mission_io.wire import messages as m
+from mission_io.wire.messages import Address, Message, Received
 from mission_io.wire.mission_items import dat_path, read_mission_dat, write_mission_dat
 
 TransferT = TypeVar("TransferT", bound=FtpTransfer)
@@ -95,12 +85,12 @@ class _Pump:
 
     def receive(self, received: Received, now: float) -> None:
         """Take an answer of the vehicle."""
-        if isinstance(received.message, FileTransfer) and received.sender == self._to:
+        if isinstance(received.message, m.FileTransfer) and received.sender == self._to:
             self._transfer.receive(received.message.payload, now)
 
-    def messages_to_send(self, now: float) -> list[FileTransfer]:
+    def messages_to_send(self, now: float) -> list[m.FileTransfer]:
         """The requests that are due."""
-        return [FileTransfer(*self._to, message.encoded()) for message in self._transfer.messages_to_send(now)]
+        return [m.FileTransfer(*self._to, message.encoded()) for message in self._transfer.messages_to_send(now)]
 
     def next_timer(self) -> float | None:
         """When the next is due."""
@@ -274,7 +264,7 @@ class LogDownload:
 
     def __init__(
         self,
-        entry: LogEntry,  # the log
+        entry: m.LogEntry,  # the log
         *,
         vehicle: Address,  # whose it is
         now: float,  # the present time in seconds
@@ -285,7 +275,7 @@ class LogDownload:
         self.entry, self.silent, self.cancelled = entry, False, False
         self._vehicle, self._silent_s = vehicle, silent_s
         self._bytes = bytearray(entry.size_bytes)
-        self._here = bytearray(-(-entry.size_bytes // LOG_DATA_BYTES))
+        self._here = bytearray(-(-entry.size_bytes // m.LOG_DATA_BYTES))
         """For each piece of 90 bytes 1 when it is here."""
         self._here_bytes = 0
         if resume is not None and (resume.entry.log_id, resume.entry.size_bytes) == (entry.log_id, entry.size_bytes):
@@ -327,13 +317,13 @@ class LogDownload:
     def receive(self, received: Received, now: float) -> None:
         """Take a message; those about anything else have no effect."""
         data = received.message
-        if not isinstance(data, LogData) or data.log_id != self.entry.log_id or received.sender != self._vehicle:
+        if not isinstance(data, m.LogData) or data.log_id != self.entry.log_id or received.sender != self._vehicle:
             return
-        piece, odd = divmod(data.offset_bytes, LOG_DATA_BYTES)
-        expected = min(LOG_DATA_BYTES, self.entry.size_bytes - data.offset_bytes)
+        piece, odd = divmod(data.offset_bytes, m.LOG_DATA_BYTES)
+        expected = min(m.LOG_DATA_BYTES, self.entry.size_bytes - data.offset_bytes)
         if odd or piece >= len(self._here) or self._here[piece]:
             return
-        if not expected <= data.count <= LOG_DATA_BYTES:  # no piece has more
+        if not expected <= data.count <= m.LOG_DATA_BYTES:  # no piece has more
             return
         self._bytes[data.offset_bytes : data.offset_bytes + expected] = data.content[:expected]
         self._here[piece] = 1
@@ -350,15 +340,15 @@ class LogDownload:
             self.silent = True
         if self._over:
             done, self._ended = self._ended, True
-            return [] if done else [LogRequestEnd(*self._vehicle)]
+            return [] if done else [m.LogRequestEnd(*self._vehicle)]
         if self._asked_to is not None and now < self._quiet_until:
             return []
         end = self._here.find(1, self._first_gap)
-        end = min(len(self._here) if end < 0 else end, self._first_gap + _MOST_BYTES // LOG_DATA_BYTES)
+        end = min(len(self._here) if end < 0 else end, self._first_gap + _MOST_BYTES // m.LOG_DATA_BYTES)
         self._asked_to, self._asked_at = end, now
-        start_bytes = self._first_gap * LOG_DATA_BYTES
-        wanted = min(end * LOG_DATA_BYTES, self.entry.size_bytes) - start_bytes
-        return [LogRequestData(*self._vehicle, self.entry.log_id, start_bytes, wanted)]
+        start_bytes = self._first_gap * m.LOG_DATA_BYTES
+        wanted = min(end * m.LOG_DATA_BYTES, self.entry.size_bytes) - start_bytes
+        return [m.LogRequestData(*self._vehicle, self.entry.log_id, start_bytes, wanted)]
 
     @property
     def _quiet_until(self) -> float:
@@ -373,20 +363,20 @@ class LogDownload:
         return min(self._quiet_until, self._new_at + self._silent_s)
 
 
-def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tuple[LogEntry, ...]:
+def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tuple[m.LogEntry, ...]:
     """List the vehicle's logs in the order of their numbers. Lost entries are requested again.
 
     Raises:
         VehicleSilentError: the list was not complete within ``timeout_s`` seconds.
     """
-    found: dict[int, LogEntry] = {}
-    none = LogEntry(0, 0, 0, 0, 0)
+    found: dict[int, m.LogEntry] = {}
+    none = m.LogEntry(0, 0, 0, 0, 0)
     latest = none
 
     def is_whole(received: Received) -> bool:
         nonlocal latest
         entry = received.message
-        if isinstance(entry, LogEntry):
+        if isinstance(entry, m.LogEntry):
             latest = entry
             if entry.log_count == 0:
                 return True
@@ -398,7 +388,7 @@ def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tupl
         numbers = range(latest.last_log_id - latest.log_count + 1, latest.last_log_id + 1)
         missing = [number for number in numbers if number not in found] if found else []
         first, last = (missing[0], missing[-1]) if missing and missing[0] >= 0 else (0, 65535)
-        connection.send(LogRequestList(*connection.vehicle.address, first, last))
+        connection.send(m.LogRequestList(*connection.vehicle.address, first, last))
 
     connection.wait_until(is_whole, timeout_s=timeout_s, what="its list of logs", again=ask, again_s=CALLS.list_again_s)
     return tuple(found[number] for number in sorted(found))
@@ -416,7 +406,7 @@ class FlightLogDownloads:
         self._connection, self._silent_s = connection, silent_s
         self._unfinished: dict[int, LogDownload] = {}
 
-    def download(self, entry: LogEntry, *, progress: Progress | None = None, stop: Stop | None = None) -> bytes:
+    def download(self, entry: m.LogEntry, *, progress: Progress | None = None, stop: Stop | None = None) -> bytes:
         """Download the bytes of a log; after an error, the same call continues where it stopped.
 
         Args:

@@ -278,23 +278,15 @@ def _check_reference_system(node: Node) -> None:
 _HEADER = "#saved by mission_io"
 
 
-@dataclass(frozen=True, slots=True)
-class PolyFile:
-    """The content of a ``.poly`` file, and the repairs needed to read it."""
-
-    area: DrawnArea
-    repairs: tuple[str, ...]
-
-
-def read_area_list(text: str) -> PolyFile:
-    """Read a ``.poly`` file.
+def read_area_list(text: str) -> Drawing:
+    """Read a ``.poly`` file, which has one area.
 
     Raises:
         FormatError: with the line, for an invalid position, and for fewer than three corners.
     """
     places, repairs = _listed_places(text)
     ring = open_ring(places, "the area", repairs)
-    return PolyFile(DrawnArea(ring), tuple(repairs))
+    return Drawing((DrawnArea(ring),), repairs=tuple(repairs))
 
 
 def read_fence_list(text: str) -> MissionFile:

@@ -114,8 +114,8 @@ def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
 
 def try_poly(text: str) -> None:
     """A ``.poly`` file."""
-    written = drawings.write_area_list(drawings.read_area_list(text).area)
-    check(drawings.write_area_list(drawings.read_area_list(written).area) == written, "writing is stable")
+    written = drawings.write_area_list(drawings.read_area_list(text).areas[0])
+    check(drawings.write_area_list(drawings.read_area_list(written).areas[0]) == written, "writing is stable")
 
 
 def try_fen(text: str) -> None:

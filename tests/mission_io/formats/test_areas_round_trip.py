@@ -61,6 +61,6 @@ def test_a_plan_holds_every_bit_of_heights_above_home(fence: Fence, rally: Rally
 @settings(derandomize=True, max_examples=100)
 @given(_RINGS, _PLACES)
 def test_poly_and_fen_hold_every_corner(ring: tuple[LatLon, ...], point: LatLon) -> None:
-    assert read_area_list(write_area_list(DrawnArea(ring))).area == DrawnArea(ring)
+    assert read_area_list(write_area_list(DrawnArea(ring))).areas[0] == DrawnArea(ring)
     fence = Fence((FencePolygon(ring),), (), FramedPoint(point.lat_deg, point.lon_deg, 0.0))
     assert read_fence_list(write_fence_list(fence)).fence == fence

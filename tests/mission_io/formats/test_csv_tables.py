@@ -154,7 +154,10 @@ def test_lines_of_numbers_are_the_same_in_every_dialect(between, decimal, quoted
     if decimal == "," and between == " , ":
         return
     lines = [between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in place) for place in PLACES]
-    assert read_area_list("\n".join(lines)).area == read_area_list("\n".join(" ".join(place) for place in PLACES)).area
+    assert (
+        read_area_list("\n".join(lines)).areas[0]
+        == read_area_list("\n".join(" ".join(place) for place in PLACES)).areas[0]
+    )
     item = ("0", "1", "0", "16", "0", "0", "0", "0", "46.5", "8.5", "500.5", "1")
     row = between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in item)
     assert wpl.read(f"QGC WPL 110\n{row}\n").home == wpl.read("QGC WPL 110\n" + "\t".join(item) + "\n").home

@@ -19,7 +19,6 @@ from mission_io.formats.drawings import (
     Drawing,
     DrawnArea,
     DrawnLine,
-    PolyFile,
     Spot,
     read_area_list,
     read_fence_list,
@@ -221,7 +220,7 @@ FENCE = Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 0.0))
 
 
 def test_poly_and_fen_files_survive_a_round_trip() -> None:
-    assert read_area_list(write_area_list(DrawnArea(RING))) == PolyFile(DrawnArea(RING), ())
+    assert read_area_list(write_area_list(DrawnArea(RING))) == Drawing((DrawnArea(RING),))
     assert read_fence_list(write_fence_list(FENCE)) == MissionFile(fence=FENCE)
     lines = write_area_list(DrawnArea(RING)).splitlines()
     assert lines[0].startswith("#")
@@ -231,7 +230,7 @@ def test_poly_and_fen_files_survive_a_round_trip() -> None:
 def test_poly_files_of_mission_planner_are_read() -> None:
     theirs = "\ufeff#saved by Mission Planner 1.3.80\r\n33.1 -98.2\r\n33.3, -98.25\r\n33.35\t-98.05\r\n33.12 -98.04\r\n"
     read = read_area_list(theirs)
-    assert read.area == DrawnArea(RING)
+    assert read.areas == (DrawnArea(RING),)
     assert read.repairs == (
         "removed a byte order mark", "changed the line ends to LF", "line 3: changed the separators to spaces",
         "the area: the ring was not closed",

@@ -216,8 +216,7 @@ def read_poly(text: str, source: str) -> AreaDocument:
     """A ``.poly`` file: latitude and longitude of one polygon, line by line; or one of OpenStreetMap's tools."""
     if is_osmosis(text):
         return read_osmosis(text, source)
-    read = read_area_list(text)
-    return _of_drawing(Drawing((read.area,)), source)
+    return _of_drawing(Drawing(read_area_list(text).areas), source)
 
 
 def read_fen(text: str, source: str) -> AreaDocument:
