@@ -56,7 +56,6 @@ class _Probe:
 class _Station:
     resend_s: float
     item_resend_s: float
-    retries: int
     crossing_s: float
     quiet_s: float
     longest_s: float

@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 
 from mission_io.client.client import Client
-from mission_io.conformance.case import LIST_NAMES, STATION, CaseResult, Outcome, ProtocolCase, difference
+from mission_io.conformance.case import LIST_NAMES, STATION, CaseResult, ProtocolCase, difference
 from mission_io.conformance.client_case import ClientCase
 from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.probe import Probe
@@ -65,11 +65,6 @@ def ask_one(probe: Probe, case: ProtocolCase[Probe]) -> CaseResult:
     began = probe.now()
     verdict, seen = case.answered_by(probe)
     return CaseResult(case.name, verdict, seen, probe.now() - began)
-
-
-def passed(results: Sequence[CaseResult]) -> bool:
-    """Whether nothing failed."""
-    return all(result.outcome is not Outcome.FAIL for result in results)
 
 
 def _refuse_armed(probe: Probe) -> None:

@@ -31,10 +31,7 @@ class FtpOperation(IntEnum):
     WRITE_FILE = 7
     REMOVE_FILE = 8
     CREATE_DIRECTORY = 9
-    REMOVE_DIRECTORY = 10
     OPEN_FILE_WO = 11
-    TRUNCATE_FILE = 12
-    RENAME = 13
     CALC_FILE_CRC32 = 14
     BURST_READ_FILE = 15
     ACK = 128
