@@ -393,7 +393,7 @@ _MODES: Final[Mapping[Firmware, Mapping[Mode, tuple[int, ...]]]] = MappingProxyT
         for firmware, modes in read_document("mission_io/data/flight_modes.toml").items()
     }
 )
-"""The number that is asked for comes first."""
+"""The requested number comes first."""
 
 
 def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
