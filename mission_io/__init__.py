@@ -16,20 +16,24 @@ if TYPE_CHECKING:
         ARDUPILOT_ROVER,
         PX4,
         Autopilot,
-        MissionList,
         autopilot_for,
+    )
+    from mission_io.autopilots.comparison import Difference, compare_items
+    from mission_io.autopilots.mission_lists import (
+        MissionList,
+        Problem,
+        check_for_autopilot,
         items_of,
         mission_from_wire,
         mission_list_of,
         mission_type_of,
         wire_items,
     )
-    from mission_io.autopilots.checks import Problem, check_for_autopilot
-    from mission_io.autopilots.comparison import Difference, compare_items
     from mission_io.client.async_client import AsyncClient
     from mission_io.client.client import Client
-    from mission_io.client.connection import VehicleInfo
-    from mission_io.client.parameters import VehicleParameters
+    from mission_io.client.commands import VehicleParameters
+    from mission_io.client.mission_control import ItemProgress
+    from mission_io.client.peers import VehicleInfo
     from mission_io.client.transfer_outcome import ReadBack
     from mission_io.errors import (
         AmbiguousVehicleError,
@@ -47,18 +51,25 @@ if TYPE_CHECKING:
     )
     from mission_io.formats.files import read_file, read_mission, write_mission
     from mission_io.formats.text import MissionFile
-    from mission_io.links.opening import Link, UdpLink, open_link, register_endpoint
+    from mission_io.links.base import Link
+    from mission_io.links.opening import open_link, register_endpoint
     from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
+    from mission_io.links.udp import UdpLink
     from mission_io.model.actions import Action, action_of, item_of
-    from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
     from mission_io.model.diff import MissionDiff, apply_diff, diff
     from mission_io.model.items import (
         Command,
+        Fence,
+        FenceCircle,
+        FencePolygon,
         Frame,
+        FramedPoint,
         GeoPoint,
+        LatLon,
         Mission,
         MissionItem,
         MissionType,
+        RallyPoints,
         SpeedType,
         change_speed,
         delay,
@@ -70,8 +81,7 @@ if TYPE_CHECKING:
         trigger_camera_every,
         waypoint,
     )
-    from mission_io.protocol.mission_control import ItemProgress
-    from mission_io.protocol.parameter_values import Parameter
+    from mission_io.protocol.parameters import Parameter
     from mission_io.protocol.server import ListChanged, MissionServer
     from mission_io.protocol.timing import Timing
     from mission_io.wire.codec import LinkStatistics
@@ -79,99 +89,34 @@ if TYPE_CHECKING:
     from mission_io.wire.signing import SigningKey
 
 __all__ = [
-    "ARDUPILOT",
-    "ARDUPILOT_PLANE",
-    "ARDUPILOT_ROVER",
-    "LINK_PRESETS",
-    "PX4",
-    "Action",
-    "Address",
-    "AmbiguousVehicleError",
-    "AsyncClient",
-    "Autopilot",
-    "Client",
-    "Command",
-    "CommandRefusedError",
-    "Difference",
-    "Fence",
-    "FenceCircle",
-    "FencePolygon",
-    "FormatError",
-    "Frame",
-    "FramedPoint",
-    "GeoPoint",
-    "ItemProgress",
-    "LatLon",
-    "Link",
-    "LinkError",
-    "LinkPreset",
-    "LinkStatistics",
-    "ListChanged",
-    "Mission",
-    "MissionDiff",
-    "MissionFile",
-    "MissionIoError",
-    "MissionItem",
-    "MissionList",
-    "MissionServer",
-    "MissionType",
-    "MisuseError",
-    "Parameter",
-    "Problem",
-    "RallyPoints",
-    "ReadBack",
-    "SigningKey",
-    "SpeedType",
-    "Timing",
-    "TransferCancelledError",
-    "TransferError",
-    "TransferInterrupted",
-    "TransferSilentError",
-    "UdpLink",
-    "VehicleInfo",
-    "VehicleParameters",
-    "VehicleSilentError",
-    "WaitCancelledError",
-    "action_of",
-    "apply_diff",
-    "autopilot_for",
-    "change_speed",
-    "check_for_autopilot",
-    "compare_items",
-    "delay",
-    "diff",
-    "item_of",
-    "items_of",
-    "land",
-    "link_preset",
-    "look_ahead",
-    "look_at",
-    "mission_from_wire",
-    "mission_list_of",
-    "mission_type_of",
-    "open_link",
-    "read_file",
-    "read_mission",
-    "register_endpoint",
-    "return_to_launch",
-    "takeoff",
-    "trigger_camera_every",
-    "waypoint",
-    "wire_items",
+    "ARDUPILOT", "ARDUPILOT_PLANE", "ARDUPILOT_ROVER", "LINK_PRESETS", "PX4", "Action", "Address",
+    "AmbiguousVehicleError", "AsyncClient", "Autopilot", "Client", "Command", "CommandRefusedError", "Difference",
+    "Fence", "FenceCircle", "FencePolygon", "FormatError", "Frame", "FramedPoint", "GeoPoint", "ItemProgress", "LatLon",
+    "Link", "LinkError", "LinkPreset", "LinkStatistics", "ListChanged", "Mission", "MissionDiff", "MissionFile",
+    "MissionIoError", "MissionItem", "MissionList", "MissionServer", "MissionType", "MisuseError", "Parameter",
+    "Problem", "RallyPoints", "ReadBack", "SigningKey", "SpeedType", "Timing", "TransferCancelledError",
+    "TransferError", "TransferInterrupted", "TransferSilentError", "UdpLink", "VehicleInfo", "VehicleParameters",
+    "VehicleSilentError", "WaitCancelledError", "action_of", "apply_diff", "autopilot_for", "change_speed",
+    "check_for_autopilot", "compare_items", "delay", "diff", "item_of", "items_of", "land", "link_preset", "look_ahead",
+    "look_at", "mission_from_wire", "mission_list_of", "mission_type_of", "open_link", "read_file", "read_mission",
+    "register_endpoint", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint", "wire_items",
     "write_mission",
-]
+]  # fmt: skip
 
 _PLACES = {
     "mission_io.autopilots.autopilot": (
-        "ARDUPILOT", "ARDUPILOT_PLANE", "ARDUPILOT_ROVER", "PX4", "Autopilot", "MissionList", "autopilot_for",
-        "items_of", "mission_from_wire", "mission_list_of", "mission_type_of", "wire_items",
+        "ARDUPILOT", "ARDUPILOT_PLANE", "ARDUPILOT_ROVER", "PX4", "Autopilot", "autopilot_for",
     ),
-    "mission_io.autopilots.checks": ("Problem", "check_for_autopilot"),
     "mission_io.autopilots.comparison": ("Difference", "compare_items"),
+    "mission_io.autopilots.mission_lists": (
+        "MissionList", "Problem", "check_for_autopilot", "items_of", "mission_from_wire", "mission_list_of",
+        "mission_type_of", "wire_items",
+    ),
     "mission_io.client.async_client": ("AsyncClient",),
     "mission_io.client.client": ("Client",),
-    "mission_io.client.connection": ("VehicleInfo",),
-    "mission_io.client.parameters": ("VehicleParameters",),
+    "mission_io.client.commands": ("VehicleParameters",),
+    "mission_io.client.mission_control": ("ItemProgress",),
+    "mission_io.client.peers": ("VehicleInfo",),
     "mission_io.client.transfer_outcome": ("ReadBack",),
     "mission_io.errors": (
         "AmbiguousVehicleError", "CommandRefusedError", "FormatError", "LinkError", "MissionIoError", "MisuseError",
@@ -180,17 +125,18 @@ _PLACES = {
     ),
     "mission_io.formats.files": ("read_file", "read_mission", "write_mission"),
     "mission_io.formats.text": ("MissionFile",),
-    "mission_io.links.opening": ("Link", "UdpLink", "open_link", "register_endpoint"),
+    "mission_io.links.base": ("Link",),
+    "mission_io.links.opening": ("open_link", "register_endpoint"),
     "mission_io.links.simulated": ("LINK_PRESETS", "LinkPreset", "link_preset"),
+    "mission_io.links.udp": ("UdpLink",),
     "mission_io.model.actions": ("Action", "action_of", "item_of"),
-    "mission_io.model.areas": ("Fence", "FenceCircle", "FencePolygon", "FramedPoint", "LatLon", "RallyPoints"),
     "mission_io.model.diff": ("MissionDiff", "apply_diff", "diff"),
     "mission_io.model.items": (
-        "Command", "Frame", "GeoPoint", "Mission", "MissionItem", "MissionType", "SpeedType", "change_speed", "delay",
-        "land", "look_ahead", "look_at", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint",
+        "Command", "Fence", "FenceCircle", "FencePolygon", "Frame", "FramedPoint", "GeoPoint", "LatLon", "Mission",
+        "MissionItem", "MissionType", "RallyPoints", "SpeedType", "change_speed", "delay", "land", "look_ahead",
+        "look_at", "return_to_launch", "takeoff", "trigger_camera_every", "waypoint",
     ),
-    "mission_io.protocol.mission_control": ("ItemProgress",),
-    "mission_io.protocol.parameter_values": ("Parameter",),
+    "mission_io.protocol.parameters": ("Parameter",),
     "mission_io.protocol.server": ("ListChanged", "MissionServer"),
     "mission_io.protocol.timing": ("Timing",),
     "mission_io.wire.codec": ("LinkStatistics",),

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import mission_from_wire
+from mission_io.autopilots.mission_lists import mission_from_wire
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionType, land, waypoint
 from mission_io.wire import messages as m
 from sitl_tests.case import Case, Station

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any, Literal, cast, get_args
 
-from mission_io.autopilots.autopilot import VehicleKind as MovingKind
-from mission_io.autopilots.autopilot import kind_of, parse_type
 from mission_io.errors import MisuseError
+from mission_io.model.enums import VehicleKind as MovingKind
+from mission_io.model.enums import kind_of, parse_type
 from sitl_tests.errors import MatrixError
 from uavcover.model.vehicle import AutopilotName
 

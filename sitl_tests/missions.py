@@ -3,8 +3,22 @@
 from dataclasses import replace
 from math import nan
 
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem, change_speed, land, takeoff, waypoint
+from mission_io.model.items import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    GeoPoint,
+    LatLon,
+    Mission,
+    MissionItem,
+    RallyPoints,
+    change_speed,
+    land,
+    takeoff,
+    waypoint,
+)
 from uavcover.terrain.frames import LocalFrame
 
 EastNorth = tuple[float, float]

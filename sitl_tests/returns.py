@@ -8,17 +8,19 @@ from typing import Literal
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import wire_items
-from mission_io.autopilots.flight_modes import Mode
-from mission_io.model.areas import FramedPoint, RallyPoints, items_from_rally
+from mission_io.autopilots.autopilot import Mode
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.model.items import (
     Command,
     Frame,
+    FramedPoint,
     GeoPoint,
     Mission,
     MissionItem,
     MissionType,
+    RallyPoints,
     change_speed,
+    items_from_rally,
     land,
     takeoff,
     waypoint,

@@ -1,19 +1,78 @@
 """Disturbances of a flight, each with what a flight with it may end in; see scripts/attack/disturbed_flights.py."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from random import Random
 
 import numpy as np
 
-from mission_io.autopilots.flight_modes import Mode
-from mission_io.links.simulated import SimulatedLink
+from mission_io.autopilots.autopilot import Mode
+from mission_io.links.simulated import Conditions, ManualClock, Peer, SimulatedLink
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.outcome import Ending
 
 GOOD = frozenset({Ending.LANDED, Ending.RESERVE_KEPT})
 ALWAYS = frozenset({Ending.STATE_UNKNOWN, Ending.ENDED_EARLY})
-Act = Callable[[MockVehicle, SimulatedLink], None]
+Act = Callable[[MockVehicle, "DisturbedLink"], None]
+
+
+class _Backlog:
+    """A buffer on the way that fills and is emptied; see ``DisturbedLink.fall_behind``."""
+
+    def __init__(
+        self, began_s: float = math.inf, *, by_s: float = 0.0, over_s: float = 1.0, until_s: float = 0.0
+    ) -> None:
+        self._began_s, self._by_s, self._over_s, self._until_s = began_s, by_s, over_s, until_s
+
+    def arrival_s(self, now: float, arrival_s: float) -> float:
+        since_s, empty_s = now - self._began_s, self._began_s + self._until_s
+        if not 0.0 <= since_s < self._until_s:
+            return arrival_s
+        return max(arrival_s, min(arrival_s + self._by_s * min(1.0, since_s / self._over_s), empty_s))
+
+
+class DisturbedLink(SimulatedLink):
+    """A simulated link that goes dark, falls behind or stands still on request."""
+
+    def __init__(self, peer: Peer, *, rng: Random, conditions: Conditions, clock: ManualClock | None = None) -> None:
+        super().__init__(peer, rng=rng, conditions=conditions, clock=clock)
+        self._dark_until_s = -math.inf
+        self._backlog = _Backlog()
+
+    def go_dark(self, seconds: float) -> None:
+        """Lose every datagram that is sent from now on, both ways, for some seconds."""
+        self._dark_until_s = self._clock.now() + seconds
+
+    def fall_behind(self, *, by_s: float, over_s: float, until_s: float) -> None:
+        """Deliver what the peer sends later and later, in order and without a gap, as a radio whose buffer fills.
+
+        Args:
+            by_s: the delay that is reached.
+            over_s: how long the delay grows.
+            until_s: after this time from now the buffer is empty again.
+        """
+        self._backlog = _Backlog(self._clock.now(), by_s=by_s, over_s=over_s, until_s=until_s)
+
+    def stand_still(self, seconds: float) -> None:
+        """Let time pass as while this side's process is stopped: its buffer keeps the oldest datagrams and loses the rest."""
+        kept, until_s = list(self._arrived), self._clock.now() + seconds
+        self._arrived.clear()
+        while (left_s := until_s - self._clock.now()) > 0.0:
+            data = self.receive(left_s)
+            # datagrams that a UDP socket keeps by default on Linux: 208 KiB, in which each small one takes 768 bytes
+            if data is not None and len(kept) < 270:
+                kept.append(data)
+        self._arrived.extend(kept)
+
+    def _dispatch(self, data: bytes, *, to_peer: bool) -> None:
+        if self._clock.now() >= self._dark_until_s:
+            super()._dispatch(data, to_peer=to_peer)
+
+    def _carry(self, data: bytes, arrival_s: float, *, to_peer: bool) -> None:
+        late_s = arrival_s if to_peer else self._backlog.arrival_s(self._clock.now(), arrival_s)
+        super()._carry(data, late_s, to_peer=to_peer)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +126,7 @@ def _behind(rng: np.random.Generator) -> tuple[str, Act]:
 def _home(rng: np.random.Generator) -> tuple[str, Act]:
     lower_m = float(rng.uniform(10.0, 40.0))
 
-    def act(vehicle: MockVehicle, _: SimulatedLink) -> None:
+    def act(vehicle: MockVehicle, _: DisturbedLink) -> None:
         x, y, z = vehicle.body.home_m
         home = vehicle.body.geodetic_of((x, y, z - lower_m))
         vehicle.body.home, vehicle.body.home_m = home, (x, y, z - lower_m)
@@ -80,7 +139,7 @@ def _parameter(rng: np.random.Generator) -> tuple[str, Act]:
     px4 = ("GF_MAX_VER_DIST", 40.0), ("RTL_RETURN_ALT", 15.0), ("NAV_DLL_ACT", 3.0)
     number = int(rng.integers(3))
 
-    def act(vehicle: MockVehicle, _: SimulatedLink) -> None:
+    def act(vehicle: MockVehicle, _: DisturbedLink) -> None:
         name, value = (ardupilot if vehicle.is_ardupilot else px4)[number]
         if vehicle.parameters.name_of(name, -1) is not None:
             vehicle.parameters.put(name, value)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.links.telemetry_log import TelemetryLogWriter
 from mission_io.model.enums import AutopilotId, ModeFlag, VehicleClass
 from mission_io.model.items import Command

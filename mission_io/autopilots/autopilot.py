@@ -1,125 +1,188 @@
-"""Treatment of missions by ArduPilot and PX4, as data: conversion into their terms and wire lists.
+"""Treatment of missions by ArduPilot and PX4, as data: what they accept, round and answer, and their flight modes.
 
-Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources.
-
-A vehicle keeps three lists: mission, fence and rally points. Each is an item list on the wire.
+Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources. A vehicle keeps three
+lists: mission, fence and rally points. Each is an item list on the wire.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
-from mission_io.autopilots.storage import (
-    ARDUPILOT_COPTER_STORAGE,
-    ARDUPILOT_PLANE_STORAGE,
-    NOT_STEPS,
-    PX4_STORAGE,
-    WITHOUT_POSITION,
-    Storage,
-    StorageRule,
-)
-from mission_io.data_tables import data_rows
+from mission_io.data_tables import read_document
 from mission_io.errors import MisuseError
-from mission_io.model.areas import (
-    Fence,
-    RallyPoints,
-    fence_from_items,
-    items_from_fence,
-    items_from_rally,
-    rally_from_items,
-)
-from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
-from mission_io.wire.mission_items import DEGREES_SCALE, float32
+from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass, VehicleKind, kind_of
+from mission_io.model.items import FENCE_COMMANDS, WITHOUT_POSITION, Command, Frame, MissionItem, MissionType
+from mission_io.wire.mission_items import float32
 
-# Vehicle types: the numbers of MAV_TYPE, by name and by kind (multicopter, plane, rover, ...).
-
-
-class VehicleKind(Enum):
-    """Vehicles that move in the same way; the value is for people."""
-
-    MULTIROTOR = "multirotor"
-    HELICOPTER = "helicopter"
-    PLANE = "plane"
-    VTOL = "VTOL plane"
-    ROVER = "rover"
-    BOAT = "boat"
-    SUBMARINE = "submarine"
-    AIRSHIP = "airship"
-    OTHER = "other vehicle"
-    NO_VEHICLE = "part of a vehicle, or a station"
+# Rounding of received numbers: one rule for each field that an autopilot changes.
+#
+# ArduPilot packs an item into 15 bytes, so most fields are rounded or dropped. What each command keeps was read in AP_Mission;
+# for waypoints, landings, fences and rally points it was also observed on a simulated ArduCopter 4.7.
 
 
 @dataclass(frozen=True, slots=True)
-class _Type:
-    number: int
-    kind: VehicleKind
+class StorageRule:
+    """One way in which an autopilot changes what it is given, by design."""
+
+    field: str  # the changed field: ``param1`` to ``param4``, ``lat_deg``, ``lon_deg`` or ``alt_m``
+    commands: frozenset[int]  # the commands it concerns
+    store: Callable[[float], float]  # from the number sent to the number that comes back
+    largest_change: float  # a larger change is not by design, even when ``store`` predicts it
+    why: str  # the reason, for people
 
 
-_TYPES: Final[Mapping[int, tuple[str, VehicleKind]]] = MappingProxyType(
+Storage: TypeAlias = Mapping[tuple[str, int], StorageRule]
+"""The rules of an autopilot by field and command."""
+
+_BELOW_ONE = 0.9999999
+
+
+def _whole(mask: int) -> Callable[[float], float]:
+    return lambda value: float(math.trunc(value) & mask) if math.isfinite(value) else 0.0
+
+
+_whole_uint16, _whole_byte = _whole(0xFFFF), _whole(0xFF)
+
+
+def _byte_at_most(value: float) -> float:
+    """Plane's radii are held at 255, but a negative one wraps first."""
+    return min(255.0, _whole_uint16(value))
+
+
+def _signed_radius(whole: Callable[[float], float]) -> Callable[[float], float]:
+    return lambda value: math.copysign(whole(abs(value)), value) + 0.0
+
+
+def _whole_signed(bits: int) -> Callable[[float], float]:
+    half = 1 << (bits - 1)
+
+    def store(value: float) -> float:
+        return float((math.trunc(value) + half) % (2 * half) - half) if math.isfinite(value) else 0.0
+
+    return store
+
+
+def _to_centimetres(value: float) -> float:
+    """Truncated toward zero, as a C cast does, in the arithmetic of 32-bit floats."""
+    return math.trunc(float32(float32(value) * 100.0)) / 100.0 if math.isfinite(value) else 0.0
+
+
+def _to_metres(value: float) -> float:
+    return float(math.trunc(value)) if math.isfinite(value) else 0.0
+
+
+def _turn_direction(value: float) -> float:
+    return -1.0 if value < 0.0 else 1.0
+
+
+def _is_above_zero(value: float) -> float:
+    return 1.0 if value > 0.0 else 0.0
+
+
+def _drop(names: Sequence[str], commands: Iterable[int], why: str) -> tuple[StorageRule, ...]:
+    return tuple(_rule(name, commands, lambda _: 0.0, why, math.inf) for name in names)
+
+
+def _rule(
+    name: str, commands: Iterable[int], store: Callable[[float], float], why: str, largest_change: float = _BELOW_ONE
+) -> StorageRule:
+    return StorageRule(name, frozenset(commands), store, largest_change, why)
+
+
+def _by_field(*rules: StorageRule) -> Storage:
+    """The rules by command and field; the first of two for the same field counts."""
+    found: dict[tuple[str, int], StorageRule] = {}
+    for rule in rules:
+        for command in rule.commands:
+            found.setdefault((rule.field, command), rule)
+    return MappingProxyType(found)
+
+
+_C = Command
+_RALLY = frozenset({int(_C.NAV_RALLY_POINT)})
+_PLACES = frozenset(
     {
-        row.number: (name, row.kind)
-        for name, row in data_rows(_Type, "mission_io/data/vehicle_types.toml", "types").items()
+        _C.NAV_WAYPOINT, _C.NAV_LOITER_UNLIM, _C.NAV_LOITER_TURNS, _C.NAV_LOITER_TIME, _C.NAV_LAND, _C.NAV_TAKEOFF,
+        _C.NAV_LOITER_TO_ALT, _C.NAV_SPLINE_WAYPOINT, _C.NAV_VTOL_TAKEOFF, _C.NAV_VTOL_LAND, _C.DO_SET_ROI_LOCATION,
     }
+)  # fmt: skip
+_WHOLE = "ArduPilot stores this value as a whole number"
+_UNUSED = "ArduPilot does not use this value"
+_SIGN = "ArduPilot keeps only the sign of the radius here"
+_EXIT = "ArduPilot stores this value as yes or no"
+_LANDING = "ArduPilot keeps only the sign of a landing's fourth parameter, as 1 or -1 (seen with ArduCopter 4.7)"
+_KEEP_PARAMETERS_5_TO_7 = {"lat_deg": {_C.DO_DIGICAM_CONTROL, _C.DO_GIMBAL_MANAGER_PITCHYAW},
+                           "lon_deg": {_C.DO_DIGICAM_CONTROL},
+                           "alt_m": {_C.DO_GIMBAL_MANAGER_PITCHYAW}}  # fmt: skip
+
+_ARDUPILOT_COMMON = (
+    _rule("param1", {_C.NAV_SPLINE_WAYPOINT, _C.NAV_LOITER_TIME, _C.NAV_TAKEOFF, _C.NAV_LAND}, _whole_uint16, _WHOLE),
+    _rule("param3", {_C.NAV_LOITER_UNLIM}, _signed_radius(_whole_uint16), _WHOLE),
+    _rule("param2", {_C.NAV_LOITER_TO_ALT}, _signed_radius(_whole_uint16), _WHOLE),
+    _rule("param1", {_C.NAV_LOITER_TURNS}, _whole_byte, _WHOLE),
+    _rule("param3", {_C.NAV_LOITER_TURNS}, _signed_radius(_whole_byte), _WHOLE),
+    _rule("param3", {_C.NAV_LOITER_TIME}, _turn_direction, _SIGN, math.inf),
+    _rule("param4", {_C.NAV_LOITER_TURNS, _C.NAV_LOITER_TIME, _C.NAV_LOITER_TO_ALT}, _is_above_zero, _EXIT, math.inf),
+    _rule("param4", {_C.NAV_LAND}, _turn_direction, _LANDING, math.inf),
+    *_drop(("param2", "param3", "param4"), {_C.NAV_TAKEOFF, _C.DO_SET_ROI_LOCATION, _C.NAV_SPLINE_WAYPOINT}, _UNUSED),
+    *_drop(("param2", "param3"), {_C.NAV_LAND}, _UNUSED),
+    *_drop(("param1", "param2", "param4"), {_C.NAV_LOITER_UNLIM}, _UNUSED),
+    *_drop(("param2",), {_C.NAV_LOITER_TURNS, _C.NAV_LOITER_TIME}, _UNUSED),
+    *_drop(("param1", "param3"), {_C.NAV_LOITER_TO_ALT}, _UNUSED),
+    *_drop(("param1", "param2", "param3", "param4"), {_C.NAV_VTOL_TAKEOFF, _C.NAV_VTOL_LAND}, _UNUSED),
+    *_drop(("param2", "param3", "param4"), {_C.CONDITION_DELAY, _C.CONDITION_DISTANCE}, _UNUSED),
+    *_drop(("param4",), {_C.DO_CHANGE_SPEED, _C.DO_MOUNT_CONTROL}, _UNUSED),
+    *_drop(("param3", "param4"), {_C.DO_JUMP}, _UNUSED),
+    *_drop(("param1", "param2", "param3", "param4"), {_C.NAV_RETURN_TO_LAUNCH, _C.DO_LAND_START}, _UNUSED),
+    *_drop(("param2", "param4"), {_C.DO_SET_CAM_TRIGG_DIST}, _UNUSED),
+    _rule("param1", {_C.DO_JUMP}, _whole_uint16, _WHOLE),
+    _rule("param2", {_C.DO_JUMP}, _whole_signed(16), _WHOLE),
+    _rule("param1", {_C.DO_CHANGE_SPEED}, _whole_byte, _WHOLE),
+    _rule("param3", {_C.CONDITION_YAW}, _whole_signed(8), _WHOLE),
+    _rule("param4", {_C.CONDITION_YAW}, _whole_byte, _WHOLE),
+    *(_rule(f"param{n}", {_C.NAV_DELAY}, _whole_signed(8), _WHOLE) for n in (2, 3, 4)),
+    *(_rule(f"param{n}", {_C.DO_GIMBAL_MANAGER_PITCHYAW}, _whole_signed(8), _WHOLE) for n in (1, 3, 4)),
+    _rule("param2", {_C.DO_GIMBAL_MANAGER_PITCHYAW}, _whole_signed(16), _WHOLE),
+    *(
+        rule
+        for name, kept in _KEEP_PARAMETERS_5_TO_7.items()
+        for rule in _drop(
+            (name,), WITHOUT_POSITION - kept, "ArduPilot keeps only these values of a command without a position"
+        )
+    ),
+    _rule("alt_m", _PLACES, _to_centimetres, "ArduPilot truncates altitudes to centimetres", 0.01001),
+    *_drop(
+        ("param2", "param3", "param4", "alt_m"), FENCE_COMMANDS, "ArduPilot keeps only the position and size of a fence"
+    ),
+    *_drop(("param1", "param2", "param3", "param4"), _RALLY, "ArduPilot keeps only the position of a rally point"),
+    _rule("alt_m", _RALLY, _to_metres, "ArduPilot truncates rally altitudes to metres", 1.0),
 )
-"""Name and kind of each MAV_TYPE."""
 
-VEHICLE_TYPES: Final = tuple(_TYPES)
-"""The numbers that have a name here."""
+ARDUPILOT_COPTER_STORAGE = _by_field(
+    _rule("param1", {_C.NAV_WAYPOINT}, _whole_uint16, "ArduPilot stores a waypoint's hold time in whole seconds"),
+    *_drop(("param2", "param3", "param4"), {_C.NAV_WAYPOINT}, "ArduPilot keeps only a waypoint's hold time"),
+    *_ARDUPILOT_COMMON,
+)
+"""ArduPilot on multicopters, helicopters, rovers, boats and submarines."""
 
+ARDUPILOT_PLANE_STORAGE = _by_field(
+    _rule(
+        "param1", {_C.NAV_WAYPOINT}, lambda _: 0.0, "ArduPilot planes do not hold at a waypoint; use a loiter item", 0.0
+    ),
+    *(
+        _rule(f"param{n}", {_C.NAV_WAYPOINT}, _byte_at_most, "ArduPilot stores this value in whole metres, up to 255")
+        for n in (2, 3)
+    ),
+    *_drop(("param4",), {_C.NAV_WAYPOINT}, _UNUSED),
+    *_ARDUPILOT_COMMON,
+)
+"""ArduPilot on fixed wings."""
 
-def type_name(vehicle_type: int) -> str:
-    """The name of a MAV_TYPE number, for people and as :func:`parse_type` reads it.
-
-    >>> type_name(2), type_name(22), type_name(200)
-    ('quadrotor', 'vtol-fixedrotor', 'type 200')
-    """
-    known = _TYPES.get(vehicle_type)
-    return f"type {vehicle_type}" if known is None else known[0]
-
-
-def kind_of(vehicle_type: int) -> VehicleKind:
-    """The kind of vehicle with a MAV_TYPE number; an unknown number is another vehicle."""
-    known = _TYPES.get(vehicle_type)
-    return VehicleKind.OTHER if known is None else known[1]
-
-
-def parse_type(text: str) -> int:
-    """The MAV_TYPE number of a vehicle's name; ``vtol`` is short for the most usual of them.
-
-    Raises:
-        MisuseError: no vehicle has that name; it says which names there are.
-    """
-    wanted = "vtol-fixedrotor" if text == "vtol" else text
-    vehicles = {name: number for number, (name, kind) in _TYPES.items() if kind is not VehicleKind.NO_VEHICLE}
-    if wanted not in vehicles:
-        raise MisuseError(f"unknown vehicle type {text!r}; use one of {', '.join(vehicles)}")
-    return vehicles[wanted]
-
-
-__all__ = [
-    "ARDUPILOT",
-    "ARDUPILOT_BLIMP",
-    "ARDUPILOT_PLANE",
-    "ARDUPILOT_ROVER",
-    "ARDUPILOT_SUB",
-    "AUTOPILOTS",
-    "NOT_STEPS",
-    "PX4",
-    "WITHOUT_POSITION",
-    "Autopilot",
-    "StorageRule",
-    "autopilot_for",
-    "command_read_back",
-    "home_item",
-    "jumps_moved",
-    "mission_from_wire",
-    "stored_item",
-    "wire_items",
-]
+PX4_STORAGE = _by_field(*_drop(("param3",), {_C.NAV_WAYPOINT}, "PX4 does not store a waypoint's pass radius"))
+"""PX4."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +238,7 @@ class Autopilot:
     has_list_ids: bool
     # whether items of a list can be written over, the others being left as they are (MISSION_WRITE_PARTIAL_LIST)
     takes_parts: bool
-    lists_as_files: bool  # whether its lists are files too, as ``mission_io.formats.mission_dat`` has them
+    lists_as_files: bool  # whether its lists are files too, as ``mission_io.wire.mission_items`` has them
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
         """The storage rule for a field of an item, if any."""
@@ -310,116 +373,50 @@ def autopilot_for(mav_autopilot: int, vehicle_type: int = VehicleClass.GENERIC) 
     return _ARDUPILOT_OF_KIND.get(kind_of(vehicle_type), _ARDUPILOT_OTHER)
 
 
-def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...]:
-    """A mission's items as they are sent to an autopilot: with home in front where item 0 is home.
-
-    An autopilot that keeps home in item 0 puts its own home there, so a mission without a home is sent with a
-    waypoint at latitude 0, longitude 0, only to keep the place. Jumps name items as the vehicle counts them, and
-    commands known to have no position go in the frame COMMAND, the only one that both autopilots take them in.
-    """
-    items = [_in_command_frame(item) for item in mission.items]
-    if not autopilot.home_in_item_0:
-        return tuple(jumps_moved(items, by=-1))
-    home = mission.home if mission.home is not None else GeoPoint(0.0, 0.0, 0.0)
-    return (home_item(home), *items)
+# Flight modes by meaning, with the numbers that PX4 and each ArduPilot vehicle use.
 
 
-def jumps_moved(items: Iterable[MissionItem], *, by: int) -> Iterator[MissionItem]:
-    """The items, with the target of every DO_JUMP shifted by a number of items."""
-    for item in items:
-        if item.command == Command.DO_JUMP:
-            p1, p2, p3, p4 = item.params
-            yield replace(item, params=(p1 + by, p2, p3, p4))
-        else:
-            yield item
+class Mode(Enum):
+    """Purpose of a flight mode."""
+
+    MANUAL = "manual"
+    GUIDED = "guided"
+    MISSION = "mission"
+    HOLD = "hold"
+    RETURN = "return"
+    LAND = "land"
 
 
-def home_item(home: GeoPoint) -> MissionItem:
-    """Home as item 0, where files and ArduPilot keep it."""
-    return MissionItem(
-        Command.NAV_WAYPOINT, Frame.AMSL, lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_m=home.alt_amsl_m
-    )
+_MODES: Final[Mapping[Firmware, Mapping[Mode, tuple[int, ...]]]] = MappingProxyType(
+    {
+        Firmware[firmware]: {Mode[mode]: tuple(numbers) for mode, numbers in modes.items()}
+        for firmware, modes in read_document("mission_io/data/flight_modes.toml").items()
+    }
+)
+"""The requested number comes first."""
 
 
-def mission_from_wire(items: Sequence[MissionItem], autopilot: Autopilot) -> Mission:
-    """The mission that an autopilot's item list stands for; the inverse of ``wire_items``.
-
-    Commands known to have no position get the frame COMMAND, whichever the autopilot returned them with.
-    """
-    home = None
-    if autopilot.home_in_item_0 and items:
-        first, *items = items
-        home = GeoPoint(first.lat_deg, first.lon_deg, first.alt_m)
-    elif not autopilot.home_in_item_0:
-        items = tuple(jumps_moved(items, by=1))
-    return Mission(home, tuple(command_read_back(item) for item in items))
+def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
+    """The heartbeat's ``custom_mode`` of a mode. Raises MisuseError: such a vehicle has no such mode."""
+    numbers = _MODES.get(autopilot.firmware, {}).get(mode)
+    if numbers is None:
+        raise MisuseError(f"{autopilot.name} has no {mode.value} mode")
+    return numbers[0]
 
 
-def _in_command_frame(item: MissionItem) -> MissionItem:
-    return replace(item, frame=Frame.COMMAND) if item.command in WITHOUT_POSITION else item
+def has_mode(autopilot: Autopilot, mode: Mode) -> bool:
+    """Whether such a vehicle has a mode, as far as it is known here."""
+    return mode in _MODES.get(autopilot.firmware, {})
 
 
-def command_read_back(item: MissionItem) -> MissionItem:
-    """The item with the frame COMMAND when its command has no position, whichever frame the autopilot returned.
-
-    What was read as degrees becomes the whole numbers again that parameters 5 and 6 are.
-    """
-    if item.command not in WITHOUT_POSITION or not item.has_position:
-        return item
-    lat, lon = (
-        float(round(value * DEGREES_SCALE)) if math.isfinite(value) else value for value in (item.lat_deg, item.lon_deg)
-    )
-    return replace(item, frame=Frame.COMMAND, lat_deg=lat, lon_deg=lon)
+def mode_from_custom(autopilot: Autopilot, number: int) -> Mode | None:
+    """The mode that a heartbeat's ``custom_mode`` stands for; None for one that this package has no word for."""
+    modes = _MODES.get(autopilot.firmware, {})
+    return next((mode for mode, numbers in modes.items() if number in numbers), None)
 
 
-def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
-    """The item as this autopilot returns it: as sent on the wire, changed by its storage rules."""
-
-    def kept(name: str, value: float) -> float:
-        rule = autopilot.rule_for(item, name)
-        return float32(rule.store(value) if rule is not None else value)
-
-    p1, p2, p3, p4 = (kept(f"param{i}", value) for i, value in enumerate(item.params, start=1))
-    item = _in_command_frame(item)
-    lat, lon = item.lat_deg, item.lon_deg
-    if not item.has_position:
-        lat, lon = kept("lat_deg", lat), kept("lon_deg", lon)
-        if autopilot.command_frame_returned is not Frame.COMMAND:
-            lat, lon = lat / DEGREES_SCALE, lon / DEGREES_SCALE
-    return MissionItem(
-        item.command,
-        item.frame if item.has_position else autopilot.command_frame_returned,
-        (p1, p2, p3, p4),
-        lat,
-        lon,
-        kept("alt_m", item.alt_m),
-        item.autocontinue if autopilot.keeps_autocontinue else item.command not in NOT_STEPS,
-    )
-
-
-MissionList: TypeAlias = Mission | Fence | RallyPoints
-
-
-def mission_type_of(mission_list: MissionList) -> MissionType:
-    """The type of a mission list."""
-    if isinstance(mission_list, Mission):
-        return MissionType.MISSION
-    return MissionType.FENCE if isinstance(mission_list, Fence) else MissionType.RALLY
-
-
-def items_of(mission_list: MissionList, autopilot: Autopilot) -> tuple[MissionItem, ...]:
-    """The items of a mission list as sent to an autopilot. Raises FormatError: an invalid fence polygon or circle."""
-    if isinstance(mission_list, Mission):
-        return wire_items(mission_list, autopilot)
-    return items_from_fence(mission_list) if isinstance(mission_list, Fence) else items_from_rally(mission_list)
-
-
-def mission_list_of(mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot) -> MissionList:
-    """The mission, fence or rally points of an autopilot's item list; the inverse of ``items_of``.
-
-    Raises:
-        FormatError: items that do not belong in such a list.
-    """
-    if mission_type is MissionType.MISSION:
-        return mission_from_wire(items, autopilot)
-    return fence_from_items(items) if mission_type is MissionType.FENCE else rally_from_items(items)
+def mode_from_params(autopilot: Autopilot, params: tuple[float, ...]) -> Mode | None:
+    """The mode that a DO_SET_MODE command requests: PX4 has main and sub mode in two parameters."""
+    if autopilot.mav_autopilot == AutopilotId.PX4:
+        return mode_from_custom(autopilot, int(params[1]) << 16 | int(params[2]) << 24)
+    return mode_from_custom(autopilot, int(params[1]))

@@ -2,7 +2,7 @@
 
 The only comparison in the package: used after an upload, before arming, and in flight. Positions agree within 2 cm, or
 within the effect of MAVLink's steps of 1e-7 degrees where that is larger; heights agree within 2 cm; parameters agree when
-they mean the same to their command. Changes that an autopilot makes by design are in ``storage``.
+they mean the same to their command. Changes that an autopilot makes by design are its ``storage``.
 
 What the parameters of a command mean is data, in ``parameter_meanings``.
 """
@@ -14,9 +14,10 @@ from enum import Enum
 from functools import cache
 from types import MappingProxyType
 
-from mission_io.autopilots.autopilot import NOT_STEPS, Autopilot, command_read_back
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.mission_lists import command_read_back
 from mission_io.data_tables import read_document
-from mission_io.model.items import Command, MissionItem, MissionType, same_number
+from mission_io.model.items import NOT_STEPS, Command, MissionItem, MissionType, same_number
 from mission_io.model.places import ground_distance_m
 from mission_io.wire.mission_items import degrees_on_wire, float32
 
@@ -89,16 +90,7 @@ def _rounding(size: float) -> float:
     return max(_SIX_DECIMALS, size * _FLOAT32_STEP) if math.isfinite(size) else 0.0
 
 
-_LETTERS: Mapping[str, Meaning] = MappingProxyType(
-    {
-        "-": Meaning.RESERVED,
-        "n": Meaning.NUMBER,
-        "d": Meaning.OR_DEFAULT,
-        "a": Meaning.IF_ABOVE_ZERO,
-        "p": Meaning.IF_NOT_NEGATIVE,
-        "h": Meaning.HEADING,
-    }
-)
+_LETTERS: Mapping[str, Meaning] = MappingProxyType(dict(zip("-ndaph", Meaning, strict=True)))
 
 
 @cache

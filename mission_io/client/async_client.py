@@ -2,24 +2,36 @@
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 from types import TracebackType
-from typing import Concatenate, ParamSpec, Self, TypeVar
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
-from mission_io.autopilots.autopilot import Autopilot, MissionList
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.mission_lists import MissionList
 from mission_io.client.client import Client
-from mission_io.client.connection import VehicleInfo
-from mission_io.client.mission_control import wait_for_mission
-from mission_io.client.running import Progress, Stop
+from mission_io.client.connection import Progress, Stop
+from mission_io.client.mission_control import ItemProgress, wait_for_mission
+from mission_io.client.peers import VehicleInfo
 from mission_io.client.transfer_outcome import ReadBack
 from mission_io.model.items import MissionType
-from mission_io.protocol.mission_control import ItemProgress
-from mission_io.wire.messages import CommandAck, MissionCurrent, Received
 
 ResultT = TypeVar("ResultT")
 ArgsP = ParamSpec("ArgsP")
+
+
+def _on_worker(
+    function: Callable[Concatenate[Client, ArgsP], ResultT],
+) -> "Callable[Concatenate[AsyncClient, ArgsP], Coroutine[Any, Any, ResultT]]":
+    """A method of ``Client`` as a coroutine of ``AsyncClient``."""
+
+    @functools.wraps(function)
+    async def called(client: "AsyncClient", /, *args: ArgsP.args, **kwargs: ArgsP.kwargs) -> ResultT:
+        return await client.call(function, *args, **kwargs)
+
+    return called
 
 
 class AsyncClient:
@@ -27,8 +39,8 @@ class AsyncClient:
 
     A call that is cancelled (``task.cancel``, ``asyncio.timeout``, Ctrl-C under ``asyncio.run``) first ends on the link:
     a transfer is cancelled on the vehicle and read back, any other wait ends within a second. Only then is
-    ``asyncio.CancelledError`` raised; its ``__cause__`` says what the vehicle holds after a transfer. Errors are those of
-    the ``Client``.
+    ``asyncio.CancelledError`` raised; its ``__cause__`` says what the vehicle holds after a transfer, and a ``clear`` may
+    have emptied the list. Errors are those of the ``Client``.
 
     The heartbeat goes out while a call waits. Between calls, ``await client.poll(seconds)`` keeps it going.
 
@@ -63,13 +75,14 @@ class AsyncClient:
         """
         return self._client.vehicle
 
-    async def wait_for_vehicle(
-        self, timeout_s: float = 10.0, *, system_id: int | None = None, component_id: int | None = None
-    ) -> VehicleInfo:
-        """As ``Client.wait_for_vehicle``."""
-        return await self.call(
-            Client.wait_for_vehicle, timeout_s=timeout_s, system_id=system_id, component_id=component_id
-        )
+    wait_for_vehicle = _on_worker(Client.wait_for_vehicle)
+    clear = _on_worker(Client.clear)
+    command = _on_worker(Client.command)
+    set_current = _on_worker(Client.set_current)
+    start_mission = _on_worker(Client.start_mission)
+    pause_mission = _on_worker(Client.pause_mission)
+    resume_mission = _on_worker(Client.resume_mission)
+    poll = _on_worker(Client.poll)
 
     async def upload_and_verify(
         self,
@@ -81,7 +94,7 @@ class AsyncClient:
     ) -> ReadBack:
         """As ``Client.upload_and_verify``; ``progress`` is called in the event loop."""
         report = _in_loop(progress)
-        return await self._on_worker(
+        return await self._run(
             lambda stop: self._client.upload_and_verify(
                 content, progress=report, stop=stop, in_flight=in_flight, autopilot=autopilot
             )
@@ -90,31 +103,7 @@ class AsyncClient:
     async def download_list(self, mission_type: MissionType, *, progress: Progress | None = None) -> MissionList:
         """As ``Client.download_list``; ``progress`` is called in the event loop."""
         report = _in_loop(progress)
-        return await self._on_worker(lambda stop: self._client.download_list(mission_type, progress=report, stop=stop))
-
-    async def clear(self, mission_type: MissionType, *, in_flight: bool = False) -> None:
-        """As ``Client.clear``; a call that is cancelled may have emptied the list."""
-        await self.call(Client.clear, mission_type, in_flight=in_flight)
-
-    async def command(self, command: int, *params: float, timeout_s: float = 10.0) -> CommandAck:
-        """As ``Client.command``."""
-        return await self.call(Client.command, command, *params, timeout_s=timeout_s)
-
-    async def set_current(self, seq: int, *, timeout_s: float = 5.0) -> MissionCurrent:
-        """As ``Client.set_current``."""
-        return await self.call(Client.set_current, seq, timeout_s=timeout_s)
-
-    async def start_mission(self, *, timeout_s: float = 10.0) -> None:
-        """As ``Client.start_mission``."""
-        await self.call(Client.start_mission, timeout_s=timeout_s)
-
-    async def pause_mission(self, *, timeout_s: float = 10.0) -> None:
-        """As ``Client.pause_mission``."""
-        await self.call(Client.pause_mission, timeout_s=timeout_s)
-
-    async def resume_mission(self, *, timeout_s: float = 10.0) -> None:
-        """As ``Client.resume_mission``."""
-        await self.call(Client.resume_mission, timeout_s=timeout_s)
+        return await self._run(lambda stop: self._client.download_list(mission_type, progress=report, stop=stop))
 
     async def follow_mission(
         self,
@@ -132,10 +121,6 @@ class AsyncClient:
 
         return await self.call(wait_for_mission, progress=report, until=until, silent_s=silent_s)
 
-    async def poll(self, timeout_s: float) -> list[Received]:
-        """As ``Client.poll``."""
-        return await self.call(Client.poll, timeout_s)
-
     async def call(
         self,
         function: Callable[Concatenate[Client, ArgsP], ResultT],
@@ -152,9 +137,9 @@ class AsyncClient:
             finally:
                 self._client.give_up = None
 
-        return await self._on_worker(waiting)
+        return await self._run(waiting)
 
-    async def _on_worker(self, call: Callable[[Stop], ResultT]) -> ResultT:
+    async def _run(self, call: Callable[[Stop], ResultT]) -> ResultT:
         """Run a call on the worker. When this coroutine is cancelled, end the call first."""
         cancelled = Event()
         submitted = self._worker.submit(call, cancelled.is_set)

@@ -1,17 +1,21 @@
 """A ground station with blocking calls: find the vehicle, upload, download, compare, clear, command. Every call ends."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TypeVar
 
-from mission_io.autopilots.autopilot import Autopilot, MissionList, items_of, mission_list_of, mission_type_of
-from mission_io.autopilots.checks import check_for_autopilot
+from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.mission_lists import (
+    MissionList,
+    check_for_autopilot,
+    items_of,
+    mission_list_of,
+    mission_type_of,
+)
 from mission_io.client import commands, mission_control
-from mission_io.client.connection import Connection
+from mission_io.client.connection import Carry, Connection, Progress, Stop
 from mission_io.client.peers import two_in_one
-from mission_io.client.running import Carry, Progress, Stop, run
 from mission_io.client.transfer_outcome import (
     PROVEN_BY_READING,
     ReadBack,
@@ -35,21 +39,19 @@ from mission_io.errors import (
     VehicleHolds,
     VehicleSilentError,
 )
-from mission_io.links.opening import Link
+from mission_io.links.base import Link
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Clear, ClearState, ExchangeOptions
-from mission_io.protocol.mission_control import ItemProgress
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.terrain import TerrainAnswers
-from mission_io.protocol.timing import Patience, Timing
-from mission_io.protocol.tuning import CALLS, TRANSFERS
+from mission_io.protocol.timing import CALLS, TRANSFERS, Patience, Timing
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamValue, Received, TerrainRequest
+from mission_io.wire.messages import Received
+from mission_io.wire.telemetry_messages import TerrainRequest
 
-MessageT = TypeVar("MessageT", bound=Message)
 _log = logging.getLogger(__name__)
 
 
@@ -67,7 +69,7 @@ class Client(Connection):
     Attributes:
         patience: What transfers have learnt about the link so far, such as its round-trip time.
         transferred: Of each list that was transferred whole, the number of its items and the vehicle's id of it; see
-            ``mission_io.client.list_ids``.
+            ``mission_io.client.lists``.
     """
 
     def __init__(
@@ -243,59 +245,19 @@ class Client(Connection):
         items = self.download(mission_type, progress=progress, stop=stop)
         return mission_list_of(mission_type, items, self.vehicle.autopilot)
 
-    # Commands, modes, parameters: see mission_io.client.commands.
+    # Commands, modes and parameters, and flying what the vehicle holds.
 
-    def command(self, command: int, *params: float, timeout_s: float = CALLS.answer_s) -> CommandAck:
-        """Send a command, repeatedly until answered; see ``commands.send_command``."""
-        return commands.send_command(self, command, params, timeout_s=timeout_s)
-
-    def set_mode(self, custom_mode: int, *, timeout_s: float = CALLS.answer_s) -> None:
-        """Change the flight mode and wait for it in the heartbeat; see ``commands.set_mode``."""
-        commands.set_mode(self, custom_mode, timeout_s=timeout_s)
-
-    def request_message_interval(
-        self, kind: type[Message], interval_s: float, *, timeout_s: float = CALLS.answer_s
-    ) -> CommandAck:
-        """Request a message at an interval of ``interval_s`` seconds."""
-        return commands.request_message_interval(self, kind, interval_s, timeout_s=timeout_s)
-
-    def request_message(self, kind: type[MessageT], *, timeout_s: float = CALLS.answer_s) -> MessageT:
-        """Request a message once and wait for it."""
-        return commands.request_message(self, kind, timeout_s=timeout_s)
-
-    def read_parameter(self, name: str, *, timeout_s: float = CALLS.answer_s) -> ParamValue:
-        """Read a parameter by its name."""
-        return commands.read_parameter(self, name, timeout_s=timeout_s)
-
-    def set_parameter(
-        self, name: str, value: float, *, param_type: int = 9, timeout_s: float = CALLS.answer_s
-    ) -> ParamValue:
-        """Set a parameter and verify its new value."""
-        return commands.set_parameter(self, name, value, param_type=param_type, timeout_s=timeout_s)
-
-    # Flying what the vehicle holds: see mission_io.client.mission_control.
-
-    def set_current(self, seq: int, *, timeout_s: float = 5.0) -> MissionCurrent:
-        """Make another item the current one, and wait until the vehicle reports it; see ``mission_control.set_current``."""
-        return mission_control.set_current(self, seq, timeout_s=timeout_s)
-
-    def start_mission(self, *, timeout_s: float = CALLS.answer_s) -> None:
-        """Fly the mission of an armed vehicle; see ``mission_control.start_mission``."""
-        mission_control.start_mission(self, timeout_s=timeout_s)
-
-    def pause_mission(self, *, timeout_s: float = CALLS.answer_s) -> None:
-        """Stop in the air and keep the current item of the mission; see ``mission_control.pause_mission``."""
-        mission_control.pause_mission(self, timeout_s=timeout_s)
-
-    def resume_mission(self, *, timeout_s: float = CALLS.answer_s) -> None:
-        """Go on after ``pause_mission``."""
-        mission_control.resume_mission(self, timeout_s=timeout_s)
-
-    def follow_mission(
-        self, *, until: Callable[[ItemProgress], bool] | None = None, silent_s: float = 15.0
-    ) -> Iterator[ItemProgress]:
-        """Yield the progress of the mission whenever it changes; see ``mission_control.follow_mission``."""
-        return mission_control.follow_mission(self, until=until, silent_s=silent_s)
+    command = commands.send_command
+    set_mode = commands.set_mode
+    request_message_interval = commands.request_message_interval
+    request_message = commands.request_message
+    read_parameter = commands.read_parameter
+    set_parameter = commands.set_parameter
+    set_current = mission_control.set_current
+    start_mission = mission_control.start_mission
+    pause_mission = mission_control.pause_mission
+    resume_mission = mission_control.resume_mission
+    follow_mission = mission_control.follow_mission
 
     # Running transfers, and the meaning of their outcomes.
 
@@ -324,7 +286,7 @@ class Client(Connection):
         interrupted = False
         while True:
             try:
-                run(self, exchange, counts, progress=progress, stop=stop)
+                self.run(exchange, counts, progress=progress, stop=stop)
                 return interrupted
             except KeyboardInterrupt:
                 if interrupted or isinstance(exchange, Clear):

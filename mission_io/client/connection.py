@@ -4,25 +4,30 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.client.peers import Peers, VehicleChoice, VehicleInfo, two_in_one, vehicle_of
 from mission_io.clock import Clock, SystemClock, UnixClock
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
-from mission_io.links.base import Closing
-from mission_io.links.opening import Link, PeerLink, StreamLink
+from mission_io.links.base import Closing, Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
-from mission_io.model.plain_text import counted
-from mission_io.protocol.timing import RateLimit
-from mission_io.protocol.tuning import CALLS
+from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.timing import CALLS, RateLimit
 from mission_io.wire.codec import Codec, LinkStatistics
-from mission_io.wire.messages import Address, Heartbeat, Message, Received, TimeSync, is_for
+from mission_io.wire.messages import Address, Heartbeat, Message, Received, is_for
 from mission_io.wire.signing import Signing, SigningKey, TimestampFile, TimestampStore, UnsavedTimestamps
-
-__all__ = ["Connection", "VehicleInfo"]
+from mission_io.wire.telemetry_messages import TimeSync
 
 _log = logging.getLogger(__name__)
+
+
+Progress: TypeAlias = Callable[[int, int], None]
+"""Called with the number of items transferred and the total, whenever the first changes."""
+Stop: TypeAlias = Callable[[], bool]
+"""Polled during a transfer; True cancels it."""
+Carry: TypeAlias = Callable[[MissionType, Sequence[MissionItem]], None]
+"""Brings a list to the vehicle; raises a TransferError when it could not."""
 
 
 class Service(Protocol):
@@ -38,6 +43,19 @@ class Service(Protocol):
 
     def next_timer(self) -> float | None:
         """When it wants to be asked again; None for not before the next message."""
+        ...
+
+
+class Machine(Service, Protocol):
+    """A sans-IO state machine, which is over when ``next_timer`` is None."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether it is over."""
+        ...
+
+    def cancel(self, now: float) -> None:
+        """Stop."""
         ...
 
 
@@ -213,7 +231,7 @@ class Connection(Closing):
             decide_at = choice.decide_at(deadline)
         chosen = choice.chosen()
         if chosen is None:
-            raise VehicleSilentError(self._silence(timeout_s, system_id, component_id, choice.others))
+            raise VehicleSilentError(choice.silence(timeout_s, self.statistics))
         return self._settle_on(chosen, latest[chosen.address], deadline)
 
     def _settle_on(self, chosen: VehicleInfo, received: Received, deadline: float) -> VehicleInfo:
@@ -234,25 +252,6 @@ class Connection(Closing):
         if not settled:
             self.codec.version = 1
         return self.vehicle
-
-    def _silence(self, timeout_s: float, system_id: int | None, component_id: int | None, others: set[int]) -> str:
-        """The reason that no vehicle was found, as far as known."""
-        wanted = "no vehicle" if system_id is None else f"no vehicle with system ID {system_id}"
-        if component_id is not None:
-            wanted += f"{' with' if system_id is None else ' and'} component ID {component_id}"
-        statistics = self.statistics
-        heard = f"; received heartbeats from {sorted(others)}" if others else ""
-        advice = "is the vehicle switched on, and is the URL correct?"
-        if statistics.refused and not others:
-            heard = (
-                f"; {counted(statistics.refused, 'frame was', 'frames were')} refused ({statistics.unsigned} unsigned, "
-                f"{statistics.forged} signed with another key, {statistics.replayed} with an old timestamp)"
-            )
-            advice = "does the vehicle have the same signing key?"
-        elif statistics.garbage_bytes and not statistics.frames_in:
-            heard = f"; {counted(statistics.garbage_bytes, 'received byte is', 'received bytes are')} not MAVLink"
-            advice = "is the baud rate correct?"
-        return f"{wanted} sent a heartbeat within {timeout_s:g} s{heard}; {advice}"
 
     def wait_until(
         self,
@@ -309,6 +308,46 @@ class Connection(Closing):
             messages = self._receive(max(0.0, wake - now))
             if messages or self.clock.now() >= deadline:
                 return messages
+
+    def run(
+        self,
+        machine: Machine,
+        counts: Callable[[], tuple[int, int | None]],
+        *,
+        progress: Progress | None = None,
+        stop: Stop | None = None,
+    ) -> None:
+        """Run a machine to its end.
+
+        Args:
+            machine: The machine.
+            counts: Returns what is done, and the total if known.
+            progress: Called when the first changes.
+            stop: Polled; True cancels the machine, which may still have something to say to the vehicle.
+
+        Raises:
+            WaitCancelledError: the connection's ``give_up`` said so.
+        """
+        reported = -1
+        while True:
+            self.raise_if_given_up()
+            now = self.clock.now()
+            for message in machine.messages_to_send(now):
+                self.send(message)
+            count, total = counts()
+            if count != reported and total is not None:
+                reported = count
+                if progress is not None:
+                    progress(count, total)
+            wake = machine.next_timer()
+            if machine.finished or wake is None:
+                return
+            if stop is not None and stop():
+                machine.cancel(now)
+                stop = None
+                continue
+            for received in self.next_messages(wake):
+                machine.receive(received, self.clock.now())
 
     def raise_if_given_up(self) -> None:
         """Nothing, unless ``give_up`` says that the call is to end.

@@ -7,10 +7,12 @@ import logging
 from dataclasses import dataclass
 from typing import Final
 
-from mission_io.autopilots.autopilot import Autopilot, VehicleKind, autopilot_for, kind_of, type_name
+from mission_io.autopilots.autopilot import Autopilot, autopilot_for
 from mission_io.errors import AmbiguousVehicleError, MisuseError
-from mission_io.model.enums import AutopilotId, VehicleClass
-from mission_io.protocol.tuning import CALLS
+from mission_io.model.enums import AutopilotId, VehicleClass, VehicleKind, kind_of, type_name
+from mission_io.model.plain_text import counted
+from mission_io.protocol.timing import CALLS
+from mission_io.wire.codec import LinkStatistics
 from mission_io.wire.messages import Address, Heartbeat, Received
 
 _log = logging.getLogger(__name__)
@@ -175,6 +177,25 @@ class VehicleChoice:
     def decide_at(self, deadline: float) -> float:
         """The time to choose, at the latest ``deadline``."""
         return deadline if self._decide_at is None else min(deadline, self._decide_at)
+
+    def silence(self, timeout_s: float, statistics: LinkStatistics) -> str:
+        """The reason that no vehicle was found, as far as known."""
+        system_id, component_id = self._system_id, self._component_id
+        wanted = "no vehicle" if system_id is None else f"no vehicle with system ID {system_id}"
+        if component_id is not None:
+            wanted += f"{' with' if system_id is None else ' and'} component ID {component_id}"
+        heard = f"; received heartbeats from {sorted(self.others)}" if self.others else ""
+        advice = "is the vehicle switched on, and is the URL correct?"
+        if statistics.refused and not self.others:
+            heard = (
+                f"; {counted(statistics.refused, 'frame was', 'frames were')} refused ({statistics.unsigned} unsigned, "
+                f"{statistics.forged} signed with another key, {statistics.replayed} with an old timestamp)"
+            )
+            advice = "does the vehicle have the same signing key?"
+        elif statistics.garbage_bytes and not statistics.frames_in:
+            heard = f"; {counted(statistics.garbage_bytes, 'received byte is', 'received bytes are')} not MAVLink"
+            advice = "is the baud rate correct?"
+        return f"{wanted} sent a heartbeat within {timeout_s:g} s{heard}; {advice}"
 
     def chosen(self) -> VehicleInfo | None:
         """The chosen vehicle; None when none was heard.

@@ -16,12 +16,7 @@ from typing import Any, Final, NamedTuple
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.comparison import Difference, compare_items
-from mission_io.errors import (
-    TransferCancelledError,
-    TransferError,
-    TransferSilentError,
-    VehicleHolds,
-)
+from mission_io.errors import TransferCancelledError, TransferError, TransferSilentError, VehicleHolds
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted
 from mission_io.protocol.download import Download, DownloadState

@@ -5,27 +5,22 @@ import json
 import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
-from random import Random
+from collections.abc import Sequence
 from types import FrameType
 from typing import Any, Final, TypeVar
 
-from mission_io.client.client import Client
-from mission_io.conformance.case import CaseResult, Outcome, ProtocolCase, as_json
+from mission_io.conformance.case import STATION, CaseResult, Outcome, ProtocolCase, as_json
+from mission_io.conformance.client_case import ON_REQUEST, ClientCase
 from mission_io.conformance.client_cases import CLIENT_CASES
 from mission_io.conformance.download_cases import DOWNLOAD_CASES
-from mission_io.conformance.evidence import ON_REQUEST, ClientCase
 from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.probe import Probe
 from mission_io.conformance.refusal_cases import LIST_CASES, REFUSAL_CASES
-from mission_io.conformance.run import ask_vehicle
-from mission_io.conformance.tuning import STATION
+from mission_io.conformance.run import ask_vehicle, serve
 from mission_io.conformance.upload_cases import UPLOAD_CASES
 from mission_io.errors import LinkError, MissionIoError, MisuseError, VehicleSilentError
-from mission_io.links.opening import LINK_FORMS, Link, open_link
-from mission_io.links.simulated import SimulatedLink
+from mission_io.links.opening import LINK_FORMS, open_link
 from mission_io.model.enums import AutopilotId
-from mission_io.protocol.timing import Timing
 
 DONE, SOME_FAIL, BAD_USAGE, LINK_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -203,44 +198,6 @@ def _serve(parsed: argparse.Namespace) -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
-
-
-def serve(link: Link, vehicle: FakeVehicle, *, stopped: Callable[[], bool]) -> None:
-    """Be the vehicle on a link until all cases are judged, or ``stopped`` is true."""
-    while (vehicle.open or vehicle.busy) and not stopped():
-        now = link.clock.now()
-        for datagram in vehicle.datagrams_to_send(now):
-            link.send(datagram)
-        data = link.receive(min(STATION.tick_s, max(0.0, vehicle.next_timer() - now)))
-        if data is not None:
-            vehicle.receive_datagram(data, link.clock.now())
-
-
-def judge_client(
-    case: ClientCase,  # the case
-    call: Callable[[Client], None],  # begins what the case is about; its user sees an error of mission_io
-    *,
-    wrap: Callable[[Link], Link] = lambda link: link,  # puts something between the client and the vehicle
-    timing: Timing | None = None,  # of the client
-) -> CaseResult | None:
-    """Judge a call of our own client by one case, in simulated time.
-
-    Returns:
-        The result; None when the call began something else.
-    """
-    vehicle = FakeVehicle([case])
-    client = Client(wrap(SimulatedLink(vehicle, rng=Random(1))), timing=timing)
-    client.wait_for_vehicle(60.0)
-    try:
-        call(client)
-        succeeded = True
-    except MissionIoError:
-        succeeded = False
-    vehicle.told(succeeded)
-    until = client.clock.now() + STATION.longest_s + 10.0
-    while vehicle.busy and client.clock.now() < until:
-        client.poll(1.0)
-    return vehicle.results[0] if vehicle.results else None
 
 
 _NAME: Final = 32

@@ -1,4 +1,4 @@
-"""A case as data: its questions, the guide's rule for it, and its outcome."""
+"""A case as data: its questions, the guide's rule for it, its outcome, and the times of all cases."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,20 +6,65 @@ from enum import Enum
 from functools import partial
 from typing import Any, Final, Generic, TypeVar
 
-from mission_io.conformance.tuning import PROBE
+from mission_io.client.transfer_outcome import list_name
+from mission_io.data_tables import data_table
 from mission_io.errors import MissionIoError
-from mission_io.model.areas import (
+from mission_io.model.items import (
     Fence,
     FencePolygon,
+    Frame,
     FramedPoint,
     LatLon,
+    MissionItem,
+    MissionType,
     RallyPoints,
     items_from_fence,
     items_from_rally,
+    waypoint,
 )
-from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import degrees_on_wire
+
+# Times and numbers of the cases; ``data/conformance.toml`` explains each.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Probe:
+    other_system: int
+    absent_system: int
+    answer_s: float
+    tries: int
+    idle_s: float
+    longest_rest_s: float
+    unmeasured_s: float
+    longest_late_s: float
+    same_deg: float
+    same_m: float
+    current_s: float
+    new_items: int
+    few_items: int
+    gives_up_s: float
+    slow_s: float
+    listed_items: int
+    free_s: float
+    strange_type: int
+    stops_s: float
+    unknown_frame: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Station:
+    resend_s: float
+    item_resend_s: float
+    crossing_s: float
+    quiet_s: float
+    longest_s: float
+    tick_s: float
+
+
+PROBE = data_table(_Probe, "mission_io/data/conformance.toml", "probe")
+STATION = data_table(_Station, "mission_io/data/conformance.toml", "station")
+
 
 REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
 ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
@@ -34,51 +79,34 @@ GUIDE: Final = "https://mavlink.io/en/services/mission.html"
 class Section(Enum):
     """A section of the guide; the value is its heading."""
 
-    TYPES = "Mission Types"
-    ITEMS = "Mission Items (MAVLink Commands)"
-    MESSAGES = "Message/Enum Summary"
-    DEPRECATED = "Deprecated Types: MISSION_ITEM"
-    FRAMES = "Frames & Positional Information"
-    CHANGES = "Detecting Mission/Plan Changes"
-    UPLOAD = "Upload a Mission to the Vehicle"
-    DOWNLOAD = "Download a Mission from the Vehicle"
-    CURRENT = "Set Current Mission Item"
-    PROGRESS = "Monitor Mission Progress"
-    CLEAR = "Clear Missions"
-    CANCEL = "Canceling Operations"
-    TIMEOUTS = "Timeouts and Retries"
-    ERRORS = "Errors/Completion"
-    ROUTING = "MAVLink Routing"
+    _value_: str
+    url: str
+
+    TYPES = "Mission Types", "#mission_types"
+    ITEMS = "Mission Items (MAVLink Commands)", "#mavlink_commands"
+    MESSAGES = "Message/Enum Summary", "#message-enum-summary"
+    DEPRECATED = "Deprecated Types: MISSION_ITEM", "#command_message_type"
+    FRAMES = "Frames & Positional Information", "#frames-positional-information"
+    CHANGES = "Detecting Mission/Plan Changes", "#detecting-mission-plan-changes"
+    UPLOAD = "Upload a Mission to the Vehicle", "#uploading_mission"
+    DOWNLOAD = "Download a Mission from the Vehicle", "#download_mission"
+    CURRENT = "Set Current Mission Item", "#current_mission_item"
+    PROGRESS = "Monitor Mission Progress", "#monitor_progress"
+    CLEAR = "Clear Missions", "#clear_mission"
+    CANCEL = "Canceling Operations", "#cancel"
+    TIMEOUTS = "Timeouts and Retries", "#timeout"
+    ERRORS = "Errors/Completion", "#errors"
+    ROUTING = "MAVLink Routing", "https://mavlink.io/en/guide/routing.html"
     """Another page: who a message is for."""
 
-    @property
-    def url(self) -> str:
-        """Where to read it."""
-        return _ADDRESSES[self]
-
-
-_ADDRESSES: Final = {
-    Section.TYPES: f"{GUIDE}#mission_types",
-    Section.ITEMS: f"{GUIDE}#mavlink_commands",
-    Section.MESSAGES: f"{GUIDE}#message-enum-summary",
-    Section.DEPRECATED: f"{GUIDE}#command_message_type",
-    Section.FRAMES: f"{GUIDE}#frames-positional-information",
-    Section.CHANGES: f"{GUIDE}#detecting-mission-plan-changes",
-    Section.UPLOAD: f"{GUIDE}#uploading_mission",
-    Section.DOWNLOAD: f"{GUIDE}#download_mission",
-    Section.CURRENT: f"{GUIDE}#current_mission_item",
-    Section.PROGRESS: f"{GUIDE}#monitor_progress",
-    Section.CLEAR: f"{GUIDE}#clear_mission",
-    Section.CANCEL: f"{GUIDE}#cancel",
-    Section.TIMEOUTS: f"{GUIDE}#timeout",
-    Section.ERRORS: f"{GUIDE}#errors",
-    Section.ROUTING: "https://mavlink.io/en/guide/routing.html",
-}
+    def __init__(self, heading: str, address: str) -> None:
+        self._value_ = heading
+        self.url = address if address.startswith("https:") else GUIDE + address
 
 
 # The lists that the cases send: asymmetric positions, which reveal every mix-up, and whole metres.
 
-LIST_NAMES: Final = {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}
+LIST_NAMES: Final = {t: list_name(t) for t in MissionType}
 
 
 def sample(mission_type: MissionType, count: int, *, first: int = 0) -> tuple[MissionItem, ...]:

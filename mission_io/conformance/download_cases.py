@@ -5,6 +5,7 @@ from typing import Final
 
 from mission_io.conformance.case import (
     ITEMS,
+    PROBE,
     REQUESTS,
     FailedError,
     ProtocolCase,
@@ -16,7 +17,6 @@ from mission_io.conformance.case import (
     sample,
 )
 from mission_io.conformance.probe import Probe, described, seq_of
-from mission_io.conformance.tuning import PROBE
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire import messages as m

@@ -11,10 +11,8 @@ from dataclasses import replace
 from typing import Final
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.conformance.case import ITEMS, PROTOCOL, REQUESTS, CaseResult, sample
-from mission_io.conformance.evidence import ClientCase, HeardMessage, Operation, StationEvidence
-from mission_io.conformance.tricks import Kinds, Said, Trick
-from mission_io.conformance.tuning import STATION
+from mission_io.conformance.case import ITEMS, PROTOCOL, REQUESTS, STATION, CaseResult, sample
+from mission_io.conformance.client_case import ClientCase, HeardMessage, Kinds, Operation, Said, StationEvidence, Trick
 from mission_io.model.enums import AutopilotId, CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionType
 from mission_io.protocol.server import MissionServer

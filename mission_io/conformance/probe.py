@@ -4,10 +4,11 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from mission_io.client.client import Client
-from mission_io.client.connection import VehicleInfo
+from mission_io.client.peers import VehicleInfo
 from mission_io.conformance.case import (
     ITEMS,
     LIST_NAMES,
+    PROBE,
     PROTOCOL,
     REQUESTS,
     FailedError,
@@ -17,9 +18,8 @@ from mission_io.conformance.case import (
     difference,
     sample,
 )
-from mission_io.conformance.tuning import PROBE
 from mission_io.errors import FormatError, TransferError, TransferSilentError
-from mission_io.links.opening import Link
+from mission_io.links.base import Link
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.timing import Timing
@@ -188,6 +188,12 @@ class Probe:
             raise RefusedError(f"COUNT {count} was answered {result_name(answer.result)}")
         check(answer is not None, f"COUNT {count} was not answered")
         check(seq_of(answer) == 0, f"it requested item {seq_of(answer)} first")
+
+    def begin_new(self, count: int) -> tuple[MissionItem, ...]:
+        """Begin to upload a mission that ``hold_sample`` does not give; it. Errors as ``begin_upload``."""
+        new = sample(MissionType.MISSION, count, first=PROBE.new_items)
+        self.begin_upload(count, MissionType.MISSION)
+        return new
 
     def finish_upload(
         self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = PROBE.answer_s

@@ -6,6 +6,7 @@ from typing import Final
 
 from mission_io.conformance.case import (
     LIST_NAMES,
+    PROBE,
     REQUESTS,
     FailedError,
     LackingError,
@@ -17,7 +18,6 @@ from mission_io.conformance.case import (
     sample,
 )
 from mission_io.conformance.probe import Probe, described, seq_of
-from mission_io.conformance.tuning import PROBE
 from mission_io.conformance.upload_cases import accepted, begin_three, finished
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, Command, MissionType
@@ -275,9 +275,8 @@ def _beat_as_other(p: Probe) -> None:
 
 def second_upload(p: Probe) -> str:
     """Another station announces an upload in the middle of one."""
-    new = sample(_MISSION, 4, first=PROBE.new_items)
     _beat_as_other(p)
-    p.begin_upload(4, _MISSION)
+    new = p.begin_new(4)
     p.send(p.item(new, 0))
     check(seq_of(p.answer(_MISSION)) == 1, "item 0 was not followed by the request of item 1")
     p.send(p.count(9), as_other=True)
@@ -294,9 +293,9 @@ def second_upload(p: Probe) -> str:
 
 def foreign_items(p: Probe) -> str:
     """Another station's items do not get into the list."""
-    new, foreign = sample(_MISSION, 4, first=PROBE.new_items), sample(_MISSION, 4, first=90)
+    foreign = sample(_MISSION, 4, first=90)
     _beat_as_other(p)
-    p.begin_upload(4, _MISSION)
+    new = p.begin_new(4)
     for seq in range(4):
         p.send(p.item(foreign, seq), as_other=True)
         p.send(p.item(new, seq))
@@ -308,9 +307,8 @@ def foreign_items(p: Probe) -> str:
 
 def other_list(p: Probe) -> str:
     """An item for another list does not get into this one."""
-    new = sample(_MISSION, 3, first=PROBE.new_items)
     stray = sample(MissionType.RALLY, 1)
-    p.begin_upload(3, _MISSION)
+    new = p.begin_new(3)
     p.send(p.item(stray, 0, MissionType.RALLY))
     p.quiet(0.3)
     finished(p, new, "after an item for the rally points")

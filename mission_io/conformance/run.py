@@ -1,4 +1,4 @@
-"""Asks a vehicle case after case, and gives it back what it held."""
+"""Asks a vehicle case after case and gives it back what it held, or judges a ground station."""
 
 import json
 import os
@@ -6,13 +6,19 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from random import Random
 
 from mission_io.client.client import Client
-from mission_io.conformance.case import LIST_NAMES, CaseResult, Outcome, ProtocolCase, difference
+from mission_io.conformance.case import LIST_NAMES, STATION, CaseResult, ProtocolCase, difference
+from mission_io.conformance.client_case import ClientCase
+from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.probe import Probe
 from mission_io.errors import FormatError, MissionIoError, MisuseError, TransferError, TransferSilentError
+from mission_io.links.base import Link
+from mission_io.links.simulated import SimulatedLink
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.timing import Timing
 
 Tell = Callable[[str], None]
 
@@ -59,11 +65,6 @@ def ask_one(probe: Probe, case: ProtocolCase[Probe]) -> CaseResult:
     began = probe.now()
     verdict, seen = case.answered_by(probe)
     return CaseResult(case.name, verdict, seen, probe.now() - began)
-
-
-def passed(results: Sequence[CaseResult]) -> bool:
-    """Whether nothing failed."""
-    return all(result.outcome is not Outcome.FAIL for result in results)
 
 
 def _refuse_armed(probe: Probe) -> None:
@@ -164,3 +165,44 @@ def _written(lists: Mapping[MissionType, tuple[MissionItem, ...]]) -> Path:
     with os.fdopen(number, "w", encoding="utf-8") as file:
         json.dump(content, file, indent=1)
     return Path(name)
+
+
+# Judging a ground station.
+
+
+def serve(link: Link, vehicle: FakeVehicle, *, stopped: Callable[[], bool]) -> None:
+    """Be the vehicle on a link until all cases are judged, or ``stopped`` is true."""
+    while (vehicle.open or vehicle.busy) and not stopped():
+        now = link.clock.now()
+        for datagram in vehicle.datagrams_to_send(now):
+            link.send(datagram)
+        data = link.receive(min(STATION.tick_s, max(0.0, vehicle.next_timer() - now)))
+        if data is not None:
+            vehicle.receive_datagram(data, link.clock.now())
+
+
+def judge_client(
+    case: ClientCase,  # the case
+    call: Callable[[Client], None],  # begins what the case is about; its user sees an error of mission_io
+    *,
+    wrap: Callable[[Link], Link] = lambda link: link,  # puts something between the client and the vehicle
+    timing: Timing | None = None,  # of the client
+) -> CaseResult | None:
+    """Judge a call of our own client by one case, in simulated time.
+
+    Returns:
+        The result; None when the call began something else.
+    """
+    vehicle = FakeVehicle([case])
+    client = Client(wrap(SimulatedLink(vehicle, rng=Random(1))), timing=timing)
+    client.wait_for_vehicle(60.0)
+    try:
+        call(client)
+        succeeded = True
+    except MissionIoError:
+        succeeded = False
+    vehicle.told(succeeded)
+    until = client.clock.now() + STATION.longest_s + 10.0
+    while vehicle.busy and client.clock.now() < until:
+        client.poll(1.0)
+    return vehicle.results[0] if vehicle.results else None

@@ -5,7 +5,9 @@ from functools import partial
 from typing import Final
 
 from mission_io.conformance.case import (
+    PROBE,
     REQUESTS,
+    STATION,
     FailedError,
     LackingError,
     ProtocolCase,
@@ -16,7 +18,6 @@ from mission_io.conformance.case import (
     sample,
 )
 from mission_io.conformance.probe import Probe, described, result_name, seq_of
-from mission_io.conformance.tuning import PROBE, STATION
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire.messages import Message, MissionAck, MissionRequest
@@ -84,16 +85,14 @@ def in_order(t: MissionType, p: Probe) -> str:
 def shorter(p: Probe) -> str:
     """A shorter list replaces a longer one wholly."""
     p.hold_sample(_MISSION, 7)
-    new = sample(_MISSION, 3, first=PROBE.new_items)
-    p.begin_upload(3, _MISSION)
+    new = p.begin_new(3)
     finished(p, new, "after 3 items in place of 7")
     return "3 items in place of 7"
 
 
 def hundred(p: Probe) -> str:
     """A longer list."""
-    new = sample(_MISSION, 100, first=PROBE.new_items)
-    p.begin_upload(100, _MISSION)
+    new = p.begin_new(100)
     began = p.now()
     accepted(p, p.finish_upload(new, _MISSION))
     took_s = p.now() - began
@@ -127,8 +126,7 @@ def int_requests(p: Probe) -> str:
 def asks_again(at: int, p: Probe) -> str:
     """The vehicle requests an item again that does not come."""
     t = _MISSION
-    new = sample(t, 3, first=PROBE.new_items)
-    p.begin_upload(3, t)
+    new = p.begin_new(3)
     for seq in range(at):
         p.send(p.item(new, seq, t))
         answer = p.answer(t)
@@ -178,8 +176,7 @@ def new_one_after_silence(p: Probe) -> str:
 
 def twice(p: Probe) -> str:
     """Every item is sent twice."""
-    new = sample(_MISSION, PROBE.few_items, first=PROBE.new_items)
-    p.begin_upload(len(new), _MISSION)
+    new = p.begin_new(PROBE.few_items)
     for seq in range(len(new)):
         for _ in range(2):
             p.send(p.item(new, seq))
@@ -193,8 +190,7 @@ def twice(p: Probe) -> str:
 
 def out_of_order(p: Probe) -> str:
     """An item out of sequence is dropped, and the right one requested again."""
-    new = sample(_MISSION, 4, first=PROBE.new_items)
-    p.begin_upload(4, _MISSION)
+    new = p.begin_new(4)
     p.send(p.item(new, 2))
     answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     check(isinstance(answer, REQUESTS), f"item 2 in place of 0 was answered with {described(answer)}")
@@ -232,8 +228,7 @@ def count_twice(p: Probe) -> str:
 
 def count_late(p: Probe) -> str:
     """The same COUNT again in the middle, as a late duplicate does."""
-    new = sample(_MISSION, PROBE.few_items, first=PROBE.new_items)
-    p.begin_upload(len(new), _MISSION)
+    new = p.begin_new(PROBE.few_items)
     for seq in range(2):
         p.send(p.item(new, seq))
         check(seq_of(p.answer(_MISSION)) == seq + 1, f"item {seq} was not followed by the next request")
@@ -250,8 +245,7 @@ def count_late(p: Probe) -> str:
 
 def last_again(p: Probe) -> str:
     """The last item again after the end, as when the ACK was lost."""
-    new = sample(_MISSION, 3, first=PROBE.new_items)
-    p.begin_upload(3, _MISSION)
+    new = p.begin_new(3)
     accepted(p, p.finish_upload(new, _MISSION))
     p.send(p.item(new, 2))
     said = described(p.answer(_MISSION, STATION.resend_s))
@@ -262,8 +256,7 @@ def last_again(p: Probe) -> str:
 
 def slow(p: Probe) -> str:
     """A station that takes more than a second for each item."""
-    new = sample(_MISSION, 4, first=PROBE.new_items)
-    p.begin_upload(4, _MISSION)
+    new = p.begin_new(4)
     for seq in range(4):
         p.quiet(PROBE.slow_s)
         p.forget()
@@ -275,8 +268,7 @@ def slow(p: Probe) -> str:
 
 def float_items(p: Probe) -> str:
     """Items in the deprecated MISSION_ITEM."""
-    new = sample(_MISSION, 3, first=PROBE.new_items)
-    p.begin_upload(3, _MISSION)
+    new = p.begin_new(3)
     answer = None
     for seq in range(3):
         p.send(replace(float_message(p.item(new, seq)), frame=int(new[seq].frame)))

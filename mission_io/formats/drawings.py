@@ -1,15 +1,37 @@
-"""Drawings of map programs, as data: areas with holes, lines and spots, and fences made from them.
+"""Drawings of map programs, as data, as GeoJSON and as lists of positions: areas with holes, lines and spots.
 
 Also the positions of a mission in flying order, as the export formats draw them.
 """
 
-from collections.abc import Iterable
+import json
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats.text import is_place
-from mission_io.model.areas import Fence, FencePolygon, LatLon
-from mission_io.model.items import Command, Frame, Mission, MissionItem
+from mission_io.formats.csv_tables import words_of
+from mission_io.formats.text import (
+    MissionFile,
+    Node,
+    check_place,
+    clean_text,
+    degrees_text,
+    finite_number,
+    is_place,
+    parse_json,
+)
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    LatLon,
+    Mission,
+    MissionItem,
+    RallyPoints,
+)
 
 
 def place_of(lon_deg: float, lat_deg: float, where: str) -> LatLon:
@@ -55,18 +77,6 @@ class Drawing:
     spots: tuple[Spot, ...] = ()  # the single positions
     repairs: tuple[str, ...] = ()  # what was repaired or dropped to read it, one line each
     unclosed: tuple[str, ...] = ()  # those of the repairs that are about rings that were not closed
-
-
-def fence_from_areas(areas: Iterable[DrawnArea]) -> Fence:
-    """A fence that includes the areas and excludes their holes.
-
-    Autopilots require a position inside *every* inclusion polygon, so only one area makes sense for most of them.
-    """
-    polygons: list[FencePolygon] = []
-    for area in areas:
-        polygons.append(FencePolygon(area.exterior))
-        polygons += [FencePolygon(hole, inclusion=False) for hole in area.holes]
-    return Fence(tuple(polygons))
 
 
 def open_ring(points: list[LatLon], where: str, repairs: list[str]) -> tuple[LatLon, ...]:
@@ -121,3 +131,272 @@ def alt_amsl_m(point: RoutePoint, mission: Mission) -> float:
             "its height is above home, but the mission has no home", where=where, advice="specify the home"
         )
     return mission.home.alt_amsl_m + item.alt_m
+
+
+# GeoJSON (RFC 7946): writes a route as a line and its points, and reads drawings.
+
+
+def write_geojson(mission: Mission, *, name: str = "mission") -> str:
+    """Write a mission's route as a FeatureCollection.
+
+    Positions are longitude, latitude and height in metres. Unlike in RFC 7946 the height is above mean sea level, not above
+    the ellipsoid; the property ``height_datum`` of each feature says so.
+
+    Raises:
+        FormatError: an unknown height above mean sea level, or a number that is not finite.
+    """
+    points = [(point, _position(point, mission)) for point in route_of(mission)]
+    features: list[dict[str, Any]] = []
+    if len(points) > 1:
+        line = {"type": "LineString", "coordinates": [position for _, position in points]}
+        features.append(_feature(line, {"name": name, "height_datum": "AMSL"}))
+    for point, position in points:
+        properties = {
+            "item": point.number,
+            "command": int(point.item.command),
+            "frame": point.item.frame.name,
+            "alt_m": point.item.alt_m,
+            "height_datum": "AMSL",
+        }
+        features.append(_feature({"type": "Point", "coordinates": position}, properties))
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1, allow_nan=False) + "\n"
+
+
+def _feature(geometry: dict[str, Any], properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def _position(point: RoutePoint, mission: Mission) -> list[float]:
+    position = [point.item.lon_deg, point.item.lat_deg, alt_amsl_m(point, mission)]
+    if not all(math.isfinite(value) for value in position):
+        raise FormatError("a coordinate is not a finite number", where=f"item {point.number}")
+    return position
+
+
+def read_geojson(text: str) -> Drawing:
+    """Read areas with holes, lines and points of a GeoJSON document, in order, with the ``name`` of their feature.
+
+    Heights are dropped. Open rings are closed, and listed as repairs.
+
+    Raises:
+        FormatError: with the place in the document, for invalid GeoJSON, a reference system other than WGS 84 (the only
+            one of RFC 7946), and invalid coordinates.
+    """
+    clean = clean_text(text)
+    areas: list[DrawnArea] = []
+    lines: list[DrawnLine] = []
+    spots: list[Spot] = []
+    repairs, unclosed = list(clean.repairs), list[str]()
+    todo = [(parse_json(clean.text, "document"), "")]
+    while todo:
+        node, name = todo.pop()
+        kind = node.get("type").text()
+        _check_reference_system(node)
+        if kind == "FeatureCollection":
+            todo += [(feature, name) for feature in reversed(node.get("features").nodes())]
+        elif kind == "Feature":
+            if node.get("geometry").value is None:
+                repairs.append(f"{node.where}: ignored a feature without a geometry")
+            else:
+                todo.append((node.get("geometry"), _name_of(node)))
+        elif kind == "GeometryCollection":
+            todo += [(geometry, name) for geometry in reversed(node.get("geometries").nodes())]
+        elif kind in ("Polygon", "MultiPolygon"):
+            for polygon in _one_or_many(node, kind):
+                before = len(repairs)
+                rings = [open_ring(_places(ring), ring.where, repairs) for ring in polygon.nodes()]
+                unclosed += repairs[before:]
+                if not rings:
+                    repairs.append(f"{polygon.where}: ignored an empty polygon")
+                    continue
+                areas.append(DrawnArea(rings[0], tuple(rings[1:]), name))
+        elif kind in ("LineString", "MultiLineString"):
+            lines += [DrawnLine(tuple(_places(line)), name) for line in _one_or_many(node, kind)]
+        elif kind in ("Point", "MultiPoint"):
+            spots += [Spot(_place(point), name) for point in _one_or_many(node, kind)]
+        else:
+            raise FormatError(f"{kind[:30]!r} is not a GeoJSON type", where=f"{node.where}.type")
+    return Drawing(tuple(areas), tuple(lines), tuple(spots), tuple(repairs), tuple(unclosed))
+
+
+def _name_of(feature: Node) -> str:
+    properties = feature.value.get("properties")
+    name = properties.get("name") if isinstance(properties, dict) else None
+    return name if isinstance(name, str) else ""
+
+
+def _one_or_many(node: Node, kind: str) -> list[Node]:
+    coordinates = node.get("coordinates")
+    return coordinates.nodes() if kind.startswith("Multi") else [coordinates]
+
+
+def _places(node: Node) -> list[LatLon]:
+    positions = node.value
+    if type(positions) is list:
+        places = [_plain_place(position) for position in positions]
+        if None not in places:
+            return [place for place in places if place is not None]
+    return [_place(position) for position in node.nodes()]
+
+
+def _plain_place(position: Any) -> LatLon | None:
+    """The position, if it is valid; None leaves the error message to the careful reader."""
+    if (
+        type(position) is not list
+        or len(position) < 2
+        or type(position[0]) is not float
+        or type(position[1]) is not float
+    ):
+        return None
+    lon_deg, lat_deg = position[:2]
+    return LatLon(lat_deg, lon_deg) if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0 else None
+
+
+def _place(node: Node) -> LatLon:
+    numbers = node.nodes()
+    if len(numbers) < 2:
+        raise FormatError(f"the position has {len(numbers)} numbers", where=node.where, advice="use longitude,latitude")
+    lon_deg, lat_deg = numbers[0].number(), numbers[1].number()
+    return place_of(lon_deg, lat_deg, node.where)
+
+
+def _check_reference_system(node: Node) -> None:
+    """Refuse another reference system, which documents before RFC 7946 could name; read as WGS 84, positions would be wrong."""
+    if node.value.get("crs") is None:
+        return
+    crs = node.get("crs")
+    name = crs.get("properties").get("name").text()
+    if name.upper().replace("::", ":").rpartition(":")[2] not in ("CRS84", "4326"):
+        raise FormatError(f"the reference system is {name[:40]!r}", where=crs.where, advice="export the file in WGS 84")
+
+
+# ``.poly`` and ``.fen`` files of MAVProxy and Mission Planner: one position a line, latitude and longitude.
+#
+# A ``.poly`` file is an area. A ``.fen`` file is a fence of the old kind: the return point first, then one inclusion polygon.
+# Both begin with a comment and repeat the first corner at the end. MAVProxy's old rally points are a word and six numbers.
+
+_HEADER = "#saved by mission_io"
+
+
+def read_area_list(text: str) -> Drawing:
+    """Read a ``.poly`` file, which has one area.
+
+    Raises:
+        FormatError: with the line, for an invalid position, and for fewer than three corners.
+    """
+    places, repairs = _listed_places(text)
+    ring = open_ring(places, "the area", repairs)
+    return Drawing((DrawnArea(ring),), repairs=tuple(repairs))
+
+
+def read_fence_list(text: str) -> MissionFile:
+    """Read a ``.fen`` file.
+
+    The return point has no height in the file. It is set to 0 m above home, which autopilots take as "the height set in the
+    parameters".
+
+    Raises:
+        FormatError: with the line, for an invalid position, and for fewer than a return point and three corners.
+    """
+    places, repairs = _listed_places(text)
+    if not places:
+        raise FormatError("the file contains no positions", where="line 1", advice="begin with the return point")
+    ring = open_ring(places[1:], "the fence", repairs)
+    return_point = FramedPoint(places[0].lat_deg, places[0].lon_deg, 0.0, Frame.ABOVE_HOME)
+    return MissionFile(fence=Fence((FencePolygon(ring),), (), return_point), repairs=tuple(repairs))
+
+
+def write_area_list(area: DrawnArea) -> str:
+    """Write an area as a ``.poly`` file.
+
+    Raises:
+        FormatError: an area with holes, which the format cannot hold, or an invalid corner.
+    """
+    if area.holes:
+        raise FormatError(f".poly does not support holes ({len(area.holes)})", where="area", advice="use KML")
+    return _list_text([*area.exterior, *area.exterior[:1]])
+
+
+def write_fence_list(fence: Fence) -> str:
+    """Write a fence as a ``.fen`` file.
+
+    Raises:
+        FormatError: anything but a return point and one inclusion polygon, a height of the return point, or an invalid
+            corner.
+    """
+    whole = len(fence.polygons) == 1 and fence.polygons[0].inclusion and not fence.circles
+    if not whole or fence.return_point is None:
+        what = "the format requires one inclusion polygon and one return point"
+        raise FormatError(what, where="fence", advice="write it as .waypoints")
+    point, ring = fence.return_point, fence.polygons[0].vertices
+    if point.alt_m != 0.0:
+        what = f"the height is {point.alt_m:g} m, but this format has no heights"
+        raise FormatError(what, where="return point", advice="set the height to 0, or write the fence as .waypoints")
+    return _list_text([LatLon(point.lat_deg, point.lon_deg), *ring, *ring[:1]])
+
+
+def _list_text(places: list[LatLon]) -> str:
+    lines = [_HEADER]
+    for number, place in enumerate(places):
+        where = f"position {number}"
+        lines.append(f"{degrees_text(place.lat_deg, where)} {degrees_text(place.lon_deg, where)}")
+    return "\n".join(lines) + "\n"
+
+
+def _contents(text: str) -> Iterator[tuple[str, str]]:
+    """Each line that holds something beside a comment: where it is, and what it holds."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        content = line.split("#", 1)[0].strip()
+        if content:
+            yield f"line {number}", content
+
+
+def _listed_places(text: str) -> tuple[list[LatLon], list[str]]:
+    clean = clean_text(text)
+    repairs = list(clean.repairs)
+    places: list[LatLon] = []
+    for where, content in _contents(clean.text):
+        try:
+            found = words_of(content, 2)
+        except FormatError as error:
+            what = error.what.replace("columns; expected 2", "numbers; a position has 2")
+            raise FormatError(what, where=where, advice=error.advice or "latitude, then longitude") from None
+        if found.changed:
+            repairs.append(f"{where}: {found.changed}{' to spaces' if found.has_other_separators else ''}")
+        lat_deg, lon_deg = (finite_number(word, where) for word in found.words)
+        check_place(lat_deg, lon_deg, where)
+        places.append(LatLon(lat_deg, lon_deg))
+    return places, repairs
+
+
+_RALLY_ADVICE = "a rally point must consist of RALLY and 6 numbers"
+
+
+def read_rally_list(text: str) -> MissionFile:
+    """Read rally points, ``RALLY latitude longitude altitude break_altitude landing_direction flags`` a line.
+
+    The altitude is in metres above home. Fields without a present equivalent are dropped, and listed where they are set.
+
+    Raises:
+        FormatError: with the line.
+    """
+    clean = clean_text(text)
+    repairs = list(clean.repairs)
+    points: list[FramedPoint] = []
+    for where, content in _contents(clean.text):
+        try:
+            found = words_of(content, 7)
+        except FormatError as error:
+            what = f"the row has {len(content.split())} columns and begins with {content.split()[0][:20]!r}"
+            raise FormatError(what, where=where, advice=error.advice or _RALLY_ADVICE) from None
+        word, *columns = found.words
+        if word != "RALLY":
+            raise FormatError(f"7 columns beginning with {word[:20]!r}", where=where, advice=_RALLY_ADVICE)
+        if found.changed:
+            repairs.append(f"{where}: {found.changed}")
+        lat_deg, lon_deg, alt_m, *dropped = (finite_number(column, where) for column in columns)
+        check_place(lat_deg, lon_deg, where)
+        if any(dropped):
+            repairs.append(f"{where}: break altitude, landing direction and flags were dropped")
+        points.append(FramedPoint(lat_deg, lon_deg, alt_m, Frame.ABOVE_HOME))
+    return MissionFile(rally=RallyPoints(tuple(points)), repairs=tuple(repairs))

@@ -21,12 +21,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
+from mission_io.autopilots.mission_lists import items_of
 from mission_io.errors import FormatError, MisuseError
-from mission_io.formats import csv, geojson, gpx, kml, plan, poly, wpl
+from mission_io.formats import plan, wpl
+from mission_io.formats.csv_tables import read_csv, write_csv
+from mission_io.formats.drawings import read_fence_list, read_rally_list, write_geojson
+from mission_io.formats.map_xml import write_gpx, write_kml
 from mission_io.formats.text import MissionFile, text_from_bytes
-from mission_io.model.areas import Fence, RallyPoints
-from mission_io.model.items import Command, Mission, MissionType
+from mission_io.model.items import FENCE_COMMANDS, Command, Fence, Mission, MissionType, RallyPoints
 
 _log = logging.getLogger(__name__)
 
@@ -37,7 +40,6 @@ ONLY_LIST: Final[Mapping[str, MissionType]] = MappingProxyType({".csv": MissionT
 EVERY_LIST: Final = (".waypoints", ".plan")
 """Suffixes of files that hold whichever of a vehicle's lists: one of them, or all three."""
 _LONGEST_FIRST_LINE = 400
-_FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
 
 
 def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> MissionFile:
@@ -149,7 +151,7 @@ def _read_waypoints(text: str, mission_type: MissionType | None) -> MissionFile:
     read = wpl.read(text)
     if mission_type is None:
         commands = {item.command for item in read.items}
-        if commands and all(command in _FENCE_COMMANDS for command in commands):
+        if commands and all(command in FENCE_COMMANDS for command in commands):
             mission_type = MissionType.FENCE
         elif commands == {int(Command.NAV_RALLY_POINT)}:
             mission_type = MissionType.RALLY
@@ -161,18 +163,18 @@ def _read_waypoints(text: str, mission_type: MissionType | None) -> MissionFile:
 
 
 def _read_places(text: str, _: MissionType | None) -> MissionFile:
-    read = poly.read_fence(text)
+    read = read_fence_list(text)
     return replace(read, repairs=("read as an old fence file: the first position is the return point", *read.repairs))
 
 
 _Reader = Callable[[str, MissionType | None], MissionFile]
 _READERS: Final[Mapping[str, _Reader]] = MappingProxyType(
-    {".plan": _read_plan, ".fen": lambda text, _: poly.read_fence(text)}
+    {".plan": _read_plan, ".fen": lambda text, _: read_fence_list(text)}
 )
 """By suffix, for a file whose first line does not say what it is; of any other suffix: ``.waypoints``."""
 _FIRST_LINES: Final[tuple[tuple[re.Pattern[str], _Reader, str], ...]] = (
     (re.compile(r"QGC\s+WPL\b", re.IGNORECASE), _read_waypoints, ".waypoints"),
-    (re.compile(r"RALLY\s"), lambda text, _: poly.read_rally(text), ""),
+    (re.compile(r"RALLY\s"), lambda text, _: read_rally_list(text), ""),
     (re.compile(r"[-+]?[0-9.]+[ \t,;]+[-+]?[0-9.]+[ \t]*(#.*)?$"), _read_places, ".fen"),
 )
 """What a first line looks like, its reader, and the suffix that such files should have, if there is one."""
@@ -184,7 +186,7 @@ _COMMENTS = re.compile(r"(\s*(#[^\n]*)?\n)*\s*")
 def _reader_of(suffix: str, text: str) -> tuple[_Reader, tuple[str, ...]]:
     """The reader for the file's content, and a line for a name that contradicts it."""
     if suffix == ".csv":
-        return lambda text, _: csv.read_mission(text), ()
+        return lambda text, _: read_csv(text), ()
     begin = _COMMENTS.match(text)
     rest = text[begin.end() if begin else 0 :]
     if rest.startswith("{"):
@@ -218,10 +220,10 @@ _WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProx
     {
         "waypoints": lambda lists, _: wpl.write_mission(lists.mission),
         "plan": lambda lists, _: plan.write(lists),
-        "kml": lambda lists, name: kml.write_mission(lists.mission, name=name),
-        "geojson": lambda lists, name: geojson.write_mission(lists.mission, name=name),
-        "csv": lambda lists, _: csv.write_mission(lists.mission),
-        "gpx": lambda lists, name: gpx.write_mission(lists.mission, name=name),
+        "kml": lambda lists, name: write_kml(lists.mission, name=name),
+        "geojson": lambda lists, name: write_geojson(lists.mission, name=name),
+        "csv": lambda lists, _: write_csv(lists.mission),
+        "gpx": lambda lists, name: write_gpx(lists.mission, name=name),
         "mavproxy-fence": lambda lists, _: _of_mavproxy(lists, MissionType.FENCE),
         "mavproxy-rally": lambda lists, _: _of_mavproxy(lists, MissionType.RALLY),
     }

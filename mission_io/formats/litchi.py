@@ -10,10 +10,17 @@ import math
 from collections.abc import Sequence
 
 from mission_io.errors import FormatError
-from mission_io.formats.camera_flight import CameraFlight, CameraPoint
-from mission_io.formats.dialects import header_of, sniff
-from mission_io.formats.point_route import PointRoute, RouteStop, StopCamera, course_deg, number_in, route_from_stops
-from mission_io.formats.text import clean_text, degrees_text, plain_decimal
+from mission_io.formats.csv_tables import header_of, sniff
+from mission_io.formats.point_route import (
+    CameraFlight,
+    CameraPoint,
+    PointRoute,
+    RouteStop,
+    StopCamera,
+    course_deg,
+    route_from_stops,
+)
+from mission_io.formats.text import clean_text, degrees_text, number_in, plain_decimal
 from mission_io.model.items import Command, Frame
 from mission_io.model.places import earth_centred_m, ground_distance_m
 from mission_io.model.plain_text import counted

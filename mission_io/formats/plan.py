@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats.json_node import Node, parse_json
 from mission_io.formats.plan_items import (
     PlanEntry,
     contradictions,
@@ -25,11 +24,10 @@ from mission_io.formats.plan_items import (
     read_simple,
     simple_json,
 )
-from mission_io.formats.text import MissionFile, clean_text
-from mission_io.model.areas import Fence, RallyPoints
+from mission_io.formats.text import MissionFile, Node, clean_text, parse_json
 from mission_io.model.diff import diff_items
 from mission_io.model.enums import VehicleClass
-from mission_io.model.items import Command, GeoPoint, Mission, MissionItem, same_item
+from mission_io.model.items import Command, Fence, GeoPoint, Mission, MissionItem, RallyPoints, same_item
 from mission_io.model.places import doubts_about, doubts_about_fence
 
 _CONSTANTS: Mapping[str, Mapping[str, Any]] = {

@@ -11,9 +11,18 @@ from typing import Any
 
 from mission_io.autopilots.comparison import has_no_place
 from mission_io.errors import FormatError
-from mission_io.formats.json_node import Node
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Command, Frame, MissionItem
+from mission_io.formats.text import Node
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    LatLon,
+    MissionItem,
+    RallyPoints,
+)
 
 # The parts ``geoFence`` and ``rallyPoints`` of a ``.plan`` file: version 2, which is written, and the older version 1.
 #

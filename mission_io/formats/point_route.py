@@ -1,18 +1,44 @@
-"""Routes of points, from drone apps and map programs, made into missions: take-off, waypoints, and the end."""
+"""Missions as points with actions of the camera, as drone apps and map programs have them: both ways."""
 
 import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.etree import ElementTree
-from xml.parsers import expat
 
 from mission_io.errors import FormatError
-from mission_io.formats.text import check_place, clean_text
-from mission_io.model.actions import PointGimbal, StartPictures, StopPictures, TriggerEvery, Turn, item_of
-from mission_io.model.items import Frame, Mission, MissionItem, change_speed, delay, takeoff, waypoint
+from mission_io.formats.text import check_place, is_place
+from mission_io.model.actions import (
+    Action,
+    ChangeSpeed,
+    Land,
+    MountMode,
+    PointGimbal,
+    PointMount,
+    StartPictures,
+    StopPictures,
+    Takeoff,
+    TakePicture,
+    TriggerEvery,
+    Turn,
+    Waypoint,
+    action_of,
+    item_of,
+)
+from mission_io.model.items import (
+    Frame,
+    FramedPoint,
+    GeoPoint,
+    Mission,
+    MissionItem,
+    SpeedType,
+    change_speed,
+    delay,
+    takeoff,
+    waypoint,
+)
+from mission_io.model.places import ground_distance_m
 
-# Camera actions at the points of drone apps' routes, as items of a mission.
+# Routes of points made into missions: take-off, waypoints, and the end.
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,52 +180,198 @@ def route_from_stops(
     )
 
 
-def xml_root(text: str) -> tuple[ElementTree.Element, tuple[str, ...]]:
-    """The root of an XML document, and repairs of its text.
+# A mission as points and what the camera does at them, for controllers that fly points and know no commands.
+#
+# Nothing is left out in silence: an item that a list of points cannot express is an error that names it.
+
+_YAW_LOCK = 16
+"""GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
+_STRAIGHT_UP_M = 1.0
+"""Take-off and landing this near to the point above them are vertical."""
+_SAME_PLACE_DEG, _SAME_HEIGHT_M = 1e-9, 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPoint:
+    """A point of a flight, and what holds from there on."""
+
+    lat_deg: float  # latitude, WGS 84
+    lon_deg: float  # longitude, WGS 84
+    height_above_home_m: float  # height above the place of take-off
+    speed_m_s: float  # over ground, from there on
+    heading_deg: float | None = None  # heading held from there on, clockwise from north; None: along the legs
+    pitch_deg: float | None = None  # pitch of the camera from there on, -90 is straight down; None: not stated
+    pictures: int = 0  # how many pictures are taken there
+    picture_distance_m: float | None = None  # trigger distance over ground in metres from there on; None: no trigger
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFlight:
+    """A flight from the ground at home to the ground at home."""
+
+    home: GeoPoint  # where it takes off and lands
+    # in flying order: the first is the top of the climb, straight above home, the last is straight above the landing
+    points: tuple[CameraPoint, ...]
+
+
+def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> CameraFlight:
+    """A mission that takes off first and lands last, as points.
+
+    Args:
+        mission: What to fly.
+        pitch_deg: Pitch of the camera where the mission has no item that sets it, such as that of a fixed camera.
 
     Raises:
-        FormatError: invalid XML, or a document type, whose entities let a small file expand to gigabytes.
+        FormatError: an item that points cannot express, no home, or no take-off and landing straight below its ends.
     """
-    clean = clean_text(text)
-
-    def refuse(*_: object) -> None:
-        raise FormatError("the file has a document type (DOCTYPE)", where="XML", advice="remove it")
-
-    parser = expat.ParserCreate("utf-8")
-    parser.StartDoctypeDeclHandler = refuse
-    try:
-        data = clean.text.encode("utf-8")
-        parser.Parse(data, True)
-        return ElementTree.fromstring(data), clean.repairs
-    except UnicodeEncodeError:
-        raise FormatError(
-            "the text contains an incomplete character (a lone surrogate)",
-            where="text",
-            advice="save the file as UTF-8",
-        ) from None
-    except expat.ExpatError as error:
-        raise FormatError(f"invalid XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise FormatError(f"invalid XML: {error}", where="XML") from None
+    home = mission.home
+    if home is None:
+        raise FormatError("the mission has no home", where="home", advice="specify the start position")
+    if not is_place(home.lat_deg, home.lon_deg) or not math.isfinite(home.alt_amsl_m):
+        raise FormatError("home is not a valid position", where="home", advice="specify the start position")
+    reader = _Reader(home, pitch_deg)
+    for number, item in enumerate(mission.items, start=1):
+        where = f"item {number}"
+        action = action_of(item)
+        if action is None or not item.autocontinue:
+            what = f"command {int(item.command)} cannot be written as a list of points"
+            raise FormatError(what if item.autocontinue else "this item waits for the pilot to continue", where=where)
+        if reader.landed:
+            raise FormatError("an item follows the landing", where=where, advice="remove it")
+        reader.read(action, where)
+    return reader.flight()
 
 
-def local_name(element: ElementTree.Element) -> str:
-    """The name of an element without its namespace."""
-    return str(element.tag).rpartition("}")[2]
+class _Reader:
+    """Follows a mission item by item: the points so far, and what holds from the last one on."""
 
+    def __init__(self, home: GeoPoint, pitch_deg: float | None) -> None:
+        self.landed = False
+        self._home = home
+        self._points: list[CameraPoint] = []
+        self._speed_m_s = math.nan
+        self._pitch_deg = pitch_deg
+        self._camera_heading_deg: float | None = None
+        self._own_heading_deg: float | None = None  # of the last waypoint alone
+        self._distance_m: float | None = None
 
-def child_text(element: ElementTree.Element, name: str) -> str | None:
-    """The text of the first child of a name, in any namespace; None where there is none."""
-    text = element.findtext(f"{{*}}{name}")
-    return None if text is None else text.strip()
+    def read(self, action: Action, where: str) -> None:
+        match action:
+            case Takeoff():
+                self._takeoff(action, where)
+            case Waypoint():
+                self._waypoint(action, where)
+            case Land():
+                self._land(action, where)
+            case ChangeSpeed():
+                if action.kind is not SpeedType.GROUND or not 0.0 < action.speed_m_s < math.inf:
+                    raise FormatError("only changes of the ground speed can be converted", where=where)
+                self._speed_m_s = action.speed_m_s
+            case PointMount() | PointGimbal():
+                self._point_camera(action, where)
+            case TriggerEvery():
+                self._trigger(action, where)
+            case TakePicture() | StartPictures():
+                self._picture(action, where)
+            case _:
+                what = f"{type(action).__name__} (command {int(action.COMMAND)}) cannot be written as a list of points"
+                raise FormatError(what, where=where)
+        self._hold_from_here()
 
+    def flight(self) -> CameraFlight:
+        if not self.landed:
+            raise FormatError("the mission does not end with a landing", where="mission", advice="land at home")
+        if len(self._points) < 2:
+            raise FormatError("the mission has fewer than two points", where="mission")
+        if any(math.isnan(point.speed_m_s) for point in self._points):
+            raise FormatError("no speed is set before the first leg", where="mission", advice="set it before the leg")
+        return CameraFlight(self._home, tuple(self._points))
 
-def number_in(text: str | None, where: str) -> float:
-    """A finite number of a document. Raises FormatError: it is missing or no number."""
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FormatError(f"expected a number, not {(text or 'nothing')[:40]!r}", where=where)
-    return value
+    def _takeoff(self, action: Takeoff, where: str) -> None:
+        if self._points:
+            raise FormatError("this take-off comes in flight", where=where)
+        self._require_near(action.place, self._home.lat_deg, self._home.lon_deg, where, "the take-off is", "home")
+        self._add(action.place, where)
+
+    def _waypoint(self, action: Waypoint, where: str) -> None:
+        if not self._points:
+            raise FormatError("the mission does not begin with a take-off", where=where, advice="take off at home")
+        if action.hold_s or action.acceptance_radius_m or action.pass_radius_m:
+            raise FormatError("a waypoint with a hold time or a radius cannot be converted", where=where)
+        if action.heading_deg is not None and not math.isfinite(action.heading_deg):
+            raise FormatError("the heading is not a valid number", where=where)
+        self._own_heading_deg = None if action.heading_deg is None else action.heading_deg % 360.0
+        self._add(action.place, where)
+
+    def _land(self, action: Land, where: str) -> None:
+        if not self._points:
+            raise FormatError("the mission does not begin with a take-off", where=where, advice="take off at home")
+        last = self._points[-1]
+        self._require_near(action.place, last.lat_deg, last.lon_deg, where, "the landing is", "the point before it")
+        self._require_near(action.place, self._home.lat_deg, self._home.lon_deg, where, "the landing is", "home")
+        self.landed = True
+
+    def _require_near(self, place: FramedPoint, lat_deg: float, lon_deg: float, where: str, what: str, of: str) -> None:
+        check_place(place.lat_deg, place.lon_deg, where)
+        if not ground_distance_m(place.lat_deg, place.lon_deg, lat_deg, lon_deg) <= _STRAIGHT_UP_M:
+            raise FormatError(f"{what} more than {_STRAIGHT_UP_M:g} m from {of}", where=where)
+
+    def _add(self, place: FramedPoint, where: str) -> None:
+        check_place(place.lat_deg, place.lon_deg, where)
+        if place.frame is Frame.ABOVE_TERRAIN:
+            raise FormatError("its height is above the terrain, which this conversion does not know", where=where)
+        height_m = place.alt_m - (self._home.alt_amsl_m if place.frame is Frame.AMSL else 0.0)
+        if not math.isfinite(height_m):
+            raise FormatError("its height is not a finite number", where=where)
+        last = self._points[-1] if self._points else None
+        if last is None or not (
+            abs(last.lat_deg - place.lat_deg) <= _SAME_PLACE_DEG
+            and abs(last.lon_deg - place.lon_deg) <= _SAME_PLACE_DEG
+            and abs(last.height_above_home_m - height_m) <= _SAME_HEIGHT_M
+        ):
+            self._points.append(CameraPoint(place.lat_deg, place.lon_deg, height_m, self._speed_m_s))
+
+    def _point_camera(self, action: PointMount | PointGimbal, where: str) -> None:
+        if isinstance(action, PointMount):
+            if action.mode is not MountMode.ANGLES or action.roll_deg or action.yaw_deg:
+                raise FormatError("the camera is yawed or rolled", where=where)
+            self._pitch_deg = action.pitch_deg
+        else:
+            if action.pitch_rate_deg_s or action.yaw_rate_deg_s or action.gimbal:
+                raise FormatError("a gimbal that moves at a rate, or a second gimbal, cannot be converted", where=where)
+            if action.flags == _YAW_LOCK:
+                self._camera_heading_deg = None if action.yaw_deg is None else action.yaw_deg % 360.0
+            elif action.flags or action.yaw_deg:
+                raise FormatError("the camera is yawed", where=where)
+            self._pitch_deg = self._pitch_deg if action.pitch_deg is None else action.pitch_deg
+        if self._pitch_deg is not None and not math.isfinite(self._pitch_deg):
+            raise FormatError("the camera angle is not a valid number", where=where)
+
+    def _trigger(self, action: TriggerEvery, where: str) -> None:
+        if not 0.0 <= action.distance_m < math.inf or action.shutter_ms or (action.distance_m and not action.at_once):
+            raise FormatError("the distance-based trigger does not start immediately", where=where)
+        self._distance_m = action.distance_m or None
+
+    def _picture(self, action: TakePicture | StartPictures, where: str) -> None:
+        plain = (
+            action == TakePicture()
+            if isinstance(action, TakePicture)
+            else action.count == 1 and not action.interval_s and not action.camera
+        )
+        if not plain:
+            raise FormatError("only single photos can be converted", where=where)
+        if not self._points:
+            raise FormatError("this photo comes before take-off", where=where)
+        last = self._points[-1]
+        self._points[-1] = dataclasses.replace(last, pictures=last.pictures + 1)
+
+    def _hold_from_here(self) -> None:
+        own, camera = self._own_heading_deg, self._camera_heading_deg
+        if self._points and not self.landed:
+            self._points[-1] = dataclasses.replace(
+                self._points[-1],
+                speed_m_s=self._speed_m_s,
+                heading_deg=camera if own is None else own,
+                pitch_deg=self._pitch_deg,
+                picture_distance_m=self._distance_m,
+            )

@@ -1,21 +1,25 @@
-"""Mission files: what they hold, their text with a list of repairs, and numbers in decimal notation.
+"""Text of mission files: what it holds, how it is decoded, numbers, XML and JSON, with a list of repairs.
 
 Numbers are written as the shortest plain decimals that read back as the same number.
 """
 
 import codecs
+import json
 import math
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
+from xml.etree import ElementTree
+from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from mission_io.autopilots.autopilot import ARDUPILOT, MissionList, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT
+from mission_io.autopilots.mission_lists import MissionList, items_of
 from mission_io.errors import FormatError
-from mission_io.model.areas import Fence, RallyPoints
-from mission_io.model.items import Mission, MissionType
+from mission_io.model.items import Fence, Mission, MissionType, RallyPoints
 from mission_io.model.places import doubts_about, doubts_about_fence
 
 if TYPE_CHECKING:
@@ -194,3 +198,157 @@ def rendered(template: str, **facts: object) -> str:
         FormatError: such a text, or a number that is not finite.
     """
     return _environment().get_template(template).render(facts)
+
+
+def xml_root(text: str) -> tuple[ElementTree.Element, tuple[str, ...]]:
+    """The root of an XML document, and repairs of its text.
+
+    Raises:
+        FormatError: invalid XML, or a document type, whose entities let a small file expand to gigabytes.
+    """
+    clean = clean_text(text)
+
+    def refuse(*_: object) -> None:
+        raise FormatError("the file has a document type (DOCTYPE)", where="XML", advice="remove it")
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartDoctypeDeclHandler = refuse
+    data = parse_xml(clean.text, parser)
+    try:
+        return ElementTree.fromstring(data), clean.repairs
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise FormatError(f"invalid XML: {error}", where="XML") from None
+
+
+def parse_xml(text: str, parser: expat.XMLParserType) -> bytes:
+    """Give a document to a parser; its bytes. Raises FormatError: invalid XML, with the line."""
+    try:
+        data = text.encode("utf-8")
+        parser.Parse(data, True)
+    except UnicodeEncodeError:
+        raise FormatError(
+            "the text contains an incomplete character (a lone surrogate)",
+            where="text",
+            advice="save the file as UTF-8",
+        ) from None
+    except expat.ExpatError as error:
+        raise FormatError(f"invalid XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
+    return data
+
+
+def local_name(element: ElementTree.Element) -> str:
+    """The name of an element without its namespace."""
+    return str(element.tag).rpartition("}")[2]
+
+
+def child_text(element: ElementTree.Element, name: str) -> str | None:
+    """The text of the first child of a name, in any namespace; None where there is none."""
+    text = element.findtext(f"{{*}}{name}")
+    return None if text is None else text.strip()
+
+
+def number_in(text: str | None, where: str) -> float:
+    """A finite number of a document. Raises FormatError: it is missing or no number."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FormatError(f"expected a number, not {(text or 'nothing')[:40]!r}", where=where)
+    return value
+
+
+# JSON documents whose values know their path, so that an error can name it.
+
+ResultT = TypeVar("ResultT")
+
+_LARGEST = 1e300
+"""Larger numbers are treated as mistakes (1e999 would read as infinite)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A value in the document with its location."""
+
+    value: Any
+    where: str
+
+    def get(self, key: str) -> "Node":
+        """The value of a required key."""
+        if not isinstance(self.value, Mapping):
+            raise FormatError("expected an object", where=self.where)
+        if key not in self.value:
+            raise FormatError("the key is missing", where=f"{self.where}.{key}")
+        return Node(self.value[key], f"{self.where}.{key}")
+
+    def optional(self, key: str, read_node: "Callable[[Node], ResultT]", default: ResultT) -> ResultT:
+        """The value of an optional key."""
+        missing = isinstance(self.value, Mapping) and key not in self.value
+        return default if missing else read_node(self.get(key))
+
+    def nodes(self) -> list["Node"]:
+        """The entries of a list."""
+        if not isinstance(self.value, list):
+            raise FormatError("expected a list", where=self.where)
+        return [Node(value, f"{self.where}[{index}]") for index, value in enumerate(self.value)]
+
+    def number(self) -> float:
+        """A number as a double."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or abs(self.value) > _LARGEST:
+            raise FormatError(f"expected a number, not {_shown(self.value)}", where=self.where)
+        return float(self.value)
+
+    def whole(self) -> int:
+        """A number without a fraction."""
+        value = self.number()
+        if value != int(value):
+            raise FormatError(f"expected a whole number, not {value}", where=self.where)
+        return int(value)
+
+    def truth(self) -> bool:
+        """True or false."""
+        if not isinstance(self.value, bool):
+            raise FormatError("expected true or false", where=self.where)
+        return self.value
+
+    def text(self) -> str:
+        """A string."""
+        if not isinstance(self.value, str):
+            raise FormatError("expected a string", where=self.where)
+        return self.value
+
+    def floats(self, size: int) -> list[float]:
+        """A list of a given number of numbers."""
+        nodes = self.nodes()
+        if len(nodes) != size:
+            raise FormatError(f"expected {size} numbers, not {len(nodes)}", where=self.where)
+        return [node.number() for node in nodes]
+
+
+def parse_json(text: str, name: str) -> Node:
+    """Parse a document, whose root is called ``name`` in errors.
+
+    Raises:
+        FormatError: invalid JSON, nesting too deep, or NaN and other numbers that JSON does not have.
+    """
+    try:
+        return Node(json.loads(text, parse_constant=_refuse_constant), name)
+    except RecursionError:
+        raise FormatError("the JSON is nested too deeply", where=name) from None
+    except json.JSONDecodeError as error:
+        raise FormatError(f"cannot read the file as JSON: {error.msg}", where=f"line {error.lineno}") from None
+    except ValueError as error:
+        raise FormatError(f"cannot read a number: {error}"[:80], where=name) from None
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(name)
+
+
+def _shown(value: Any) -> str:
+    """A value in short form, even one with a million entries or digits."""
+    if isinstance(value, str):
+        return repr(value[:20])
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return "a number that is too large"
+    return {dict: "an object", list: "a list", bool: "true or false"}.get(type(value), "null")

@@ -11,20 +11,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mission_io.autopilots.autopilot import home_item, jumps_moved
 from mission_io.autopilots.comparison import Meaning, has_no_place, meaning_of, number_for_nan
+from mission_io.autopilots.mission_lists import home_item, jumps_moved
 from mission_io.errors import FormatError
-from mission_io.formats.dialects import words_of
+from mission_io.formats.csv_tables import words_of
 from mission_io.formats.text import check_place, clean_text, degrees_text, finite_number, plain_decimal
-from mission_io.model.areas import (
+from mission_io.model.items import (
+    NOT_STEPS,
+    Command,
     Fence,
+    Frame,
+    GeoPoint,
+    Mission,
+    MissionItem,
     RallyPoints,
     fence_from_items,
     items_from_fence,
     items_from_rally,
     rally_from_items,
 )
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from mission_io.model.places import doubts_about
 
 _HEADER = "QGC WPL 110"
@@ -37,10 +42,6 @@ _NAN_PATTERN = re.compile(r"[-+]?(nan|1\.#(qnan|snan|ind)0*)", re.ASCII | re.IGN
 """NaN as programs write it, those compiled with Microsoft's library included."""
 _COLUMNS = 12
 _SHORT_LINE = 400
-_NO_HOME = frozenset(
-    {*range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1), Command.NAV_RALLY_POINT}
-)
-"""Commands that say that the first row is not home: MAVProxy's fence and rally files have no home row."""
 _HOME_COMMANDS = (Command.NAV_WAYPOINT, 0)
 """Of a first row that is home; any other is an item, of a program that knows no home row."""
 _PARAM_NAMES = ("param1", "param2", "param3", "param4")
@@ -212,7 +213,7 @@ def read(text: str) -> WplFile:
     if not items:
         return WplFile(version, None, (), tuple(repairs))
     first, *rest = items
-    if first.command in _NO_HOME:
+    if first.command in NOT_STEPS:  # MAVProxy's fence and rally files have no home row
         repairs.append("the first row is not home, so the mission has no home")
         return WplFile(version, None, tuple(items), tuple(repairs))
     if first.command not in _HOME_COMMANDS:

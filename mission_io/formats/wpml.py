@@ -20,18 +20,8 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from mission_io.errors import FormatError
-from mission_io.formats.camera_flight import CameraFlight
-from mission_io.formats.point_route import (
-    PointRoute,
-    RouteStop,
-    StopCamera,
-    child_text,
-    local_name,
-    number_in,
-    route_from_stops,
-    xml_root,
-)
-from mission_io.formats.text import rendered
+from mission_io.formats.point_route import CameraFlight, PointRoute, RouteStop, StopCamera, route_from_stops
+from mission_io.formats.text import child_text, local_name, number_in, rendered, xml_root
 from mission_io.model.items import Frame, MissionItem, land, return_to_launch
 from mission_io.model.plain_text import counted
 

@@ -5,40 +5,82 @@
 listens beyond this machine unless the URL names such a host. See docs/reference/links.md.
 """
 
-import errno
-import os
-from collections.abc import Callable, Mapping
-from types import MappingProxyType, ModuleType
-from typing import Any, Final
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
 
-from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import (
-    BUILT_IN_SCHEMES,
-    DEFAULT_BAUD,
-    LINK_FORMS,
-    Link,
-    LinkUrl,
-    PeerLink,
-    StreamLink,
-    parse_url,
-)
-from mission_io.links.stream import ChannelLink, OpenChannel
-from mission_io.links.tcp import TcpListeningLink, connect_tcp
+from mission_io.errors import MisuseError
+from mission_io.links.base import DEFAULT_BAUD, DEFAULT_HOST, Link
+from mission_io.links.stream import TcpListeningLink, connect_tcp, open_serial
 from mission_io.links.udp import UdpLink
 
-__all__ = [
-    "LINK_FORMS",
-    "EndpointFactory",
-    "Link",
-    "LinkUrl",
-    "PeerLink",
-    "StreamLink",
-    "TcpListeningLink",
-    "UdpLink",
-    "open_link",
-    "parse_link_url",
-    "register_endpoint",
-]
+LINK_FORMS: Final = (
+    "udpin://HOST:PORT, udpout://HOST:PORT, udp:HOST:PORT (listens), tcp://HOST:PORT, tcpin://HOST:PORT, "
+    "serial:///dev/tty...:BAUD or /dev/tty...,BAUD"
+)
+
+_SCHEMES: Final = {"udpin": "udpin", "udp": "udpin", "udpout": "udpout", "tcp": "tcp", "tcpin": "tcpin"}
+_OUTWARD: Final = ("udpout", "tcp")
+_DEVICE: Final = re.compile(r"(?P<device>/.*?)(?:[:,](?P<baud>[0-9]+))?", re.ASCII | re.DOTALL)
+_LARGEST_BAUD = 20_000_000
+
+BUILT_IN_SCHEMES: Final = frozenset({*_SCHEMES, "serial"})
+
+
+@dataclass(frozen=True, slots=True)
+class LinkUrl:
+    """A link's URL in its parts; ``scheme`` is the canonical one, whichever form was written."""
+
+    scheme: str  # ``udpin``, ``udpout``, ``tcp``, ``tcpin``, ``serial``, or one that was registered
+    host: str = ""  # name or address, for UDP and TCP
+    port: int = 0  # port, for UDP and TCP; 0 is any, where this side listens
+    rest: str = ""  # the device of a serial link; what follows the colon of a registered scheme
+    baud: int = 0  # bits per second of a serial link
+
+
+def parse_link_url(url: str, *, further: Collection[str] = ()) -> LinkUrl:
+    """Parse a link URL, also a short form of pilots' tools, without opening anything.
+
+    Args:
+        url: The URL.
+        further: Schemes beside those that are built in or registered.
+
+    Raises:
+        MisuseError: a scheme that is not known, a missing or impossible port, or an impossible baud rate; it says which.
+    """
+    registered = {*_endpoints, *further}
+    if url.startswith("/"):
+        return _serial(url, url)
+    scheme, colon, rest = url.partition(":")
+    rest = rest.removeprefix("//")
+    if colon and scheme in registered:
+        return LinkUrl(scheme, rest=rest)
+    if colon and scheme == "serial":
+        return _serial(url, rest)
+    if not colon or scheme not in _SCHEMES:
+        known = ", ".join([LINK_FORMS, *(f"{name}:" for name in sorted(registered))])
+        raise MisuseError(f"{url!r} is not a valid link; use {known}")
+    host, _, port_text = rest.rpartition(":")
+    if not (port_text.isascii() and port_text.isdigit() and int(port_text) <= 65535):
+        raise MisuseError(f"{url!r} does not end in a colon and a port from 0 to 65535")
+    port = int(port_text)
+    if port == 0 and scheme in _OUTWARD:
+        raise MisuseError(f"{url!r}: sending to port 0 is not possible; specify another port")
+    return LinkUrl(_SCHEMES[scheme], host.strip("[]") or DEFAULT_HOST, port)
+
+
+def _serial(url: str, rest: str) -> LinkUrl:
+    """A device, and its baud rate behind the last colon or comma if there are only digits."""
+    match = _DEVICE.fullmatch(rest)
+    if match is None:
+        raise MisuseError(f"{url!r} names no device; write serial:///dev/ttyUSB0:57600 or /dev/ttyUSB0,57600")
+    baud = int(match["baud"]) if match["baud"] else DEFAULT_BAUD
+    if not 0 < baud <= _LARGEST_BAUD:
+        raise MisuseError(f"{url!r}: {baud} is not a valid baud rate; common rates are 57600 and 115200")
+    return LinkUrl("serial", rest=match["device"], baud=baud)
+
 
 EndpointFactory = Callable[[LinkUrl], Link]
 
@@ -59,15 +101,6 @@ def register_endpoint(scheme: str, factory: EndpointFactory) -> None:
     _endpoints[scheme] = factory
 
 
-def parse_link_url(url: str) -> LinkUrl:
-    """Parse a link URL without opening anything.
-
-    Raises:
-        MisuseError: an unknown scheme, or a missing or invalid port or baud rate.
-    """
-    return parse_url(url, registered=frozenset(_endpoints))
-
-
 def open_link(url: str, *, schemes: Mapping[str, EndpointFactory] = MappingProxyType({})) -> Link:
     """Open the link that a URL names.
 
@@ -79,72 +112,5 @@ def open_link(url: str, *, schemes: Mapping[str, EndpointFactory] = MappingProxy
         MisuseError: an invalid URL, or pyserial is missing for a serial one.
         LinkError: the operating system refuses, for instance because the port is taken or has no listener.
     """
-    further = {**_endpoints, **schemes}
-    parsed = parse_url(url, registered=frozenset(further))
-    return (further | _OPENERS)[parsed.scheme](parsed)
-
-
-_ADVICE = {
-    errno.ENOENT: "is the device connected?",
-    errno.EACCES: "does this user have access to serial ports (often through the group dialout)?",
-    errno.EPERM: "does this user have access to serial ports (often through the group dialout)?",
-    errno.EAGAIN: "another program uses the device",
-    errno.EBUSY: "another program uses the device",
-}
-
-
-class SerialChannel(OpenChannel):
-    """A non-blocking serial port.
-
-    pyserial opens and configures it. Reading and writing is done here, since pyserial's ``write`` spins while a port accepts
-    nothing, and its ``read`` discards data when the port disappears.
-    """
-
-    end = "the device was disconnected"
-
-    def __init__(self, port: Any, name: str) -> None:
-        super().__init__(name)
-        self._port = port
-
-    def fileno(self) -> int:
-        """Its file descriptor; -1 when closed."""
-        return int(self._port.fileno()) if self._port.is_open else -1
-
-    def receive(self, size: int) -> bytes:
-        """Bytes that have arrived, as the operating system has it."""
-        return os.read(self.fileno(), size)
-
-    def send(self, data: bytes) -> int:
-        """Send, as the operating system does it."""
-        return os.write(self.fileno(), data)
-
-    def close(self) -> None:
-        """Close the port."""
-        self._port.close()
-
-
-def open_serial(device: str, baud: int = DEFAULT_BAUD) -> ChannelLink:
-    """Open a link over a serial port, for exclusive use.
-
-    Raises:
-        MisuseError: pyserial is not installed.
-        LinkError: no such port, or it cannot be opened with this baud rate.
-    """
-    serial = _pyserial()
-    try:
-        port = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
-    except (OSError, ValueError, OverflowError) as error:  # SerialException is an OSError
-        number = getattr(error, "errno", None)
-        why = os.strerror(number) if number else str(error)
-        advice = f"; {_ADVICE[number]}" if number in _ADVICE else ""
-        raise LinkError(f"cannot open the serial port {device} at {baud} baud: {why}{advice}") from None
-    return ChannelLink(SerialChannel(port, f"serial port {device}"))
-
-
-def _pyserial() -> ModuleType:
-    try:
-        import serial
-    except ImportError:
-        raise MisuseError("serial links require pyserial; install it with: pip install pyserial") from None
-    module: ModuleType = serial
-    return module
+    parsed = parse_link_url(url, further=schemes)
+    return {**_endpoints, **schemes, **_OPENERS}[parsed.scheme](parsed)

@@ -17,8 +17,7 @@ from typing import Final, Protocol
 
 from mission_io.clock import Clock
 from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import WrappingLink
-from mission_io.links.opening import Link
+from mission_io.links.base import Link, WrappingLink
 from mission_io.protocol.timing import Timing
 
 
@@ -117,21 +116,6 @@ def _damaged(data: bytes, rng: Random) -> bytes:
     return bytes(damaged)
 
 
-class _Backlog:
-    """A buffer on the way that fills and is emptied; see ``SimulatedLink.fall_behind``."""
-
-    def __init__(
-        self, began_s: float = math.inf, *, by_s: float = 0.0, over_s: float = 1.0, until_s: float = 0.0
-    ) -> None:
-        self._began_s, self._by_s, self._over_s, self._until_s = began_s, by_s, over_s, until_s
-
-    def arrival_s(self, now: float, arrival_s: float) -> float:
-        since_s, empty_s = now - self._began_s, self._began_s + self._until_s
-        if not 0.0 <= since_s < self._until_s:
-            return arrival_s
-        return max(arrival_s, min(arrival_s + self._by_s * min(1.0, since_s / self._over_s), empty_s))
-
-
 class SimulatedLink:
     """A link to ``peer`` through bad conditions, on a clock of its own."""
 
@@ -146,38 +130,11 @@ class SimulatedLink:
         self._order = itertools.count()
         self._arrived: deque[bytes] = deque()
         self._closed = False
-        self._dark_until_s = -math.inf
-        self._backlog = _Backlog()
 
     @property
     def clock(self) -> Clock:
         """The simulated clock that this link moves on."""
         return self._clock
-
-    def go_dark(self, seconds: float) -> None:
-        """Lose every datagram that is sent from now on, both ways, for some seconds."""
-        self._dark_until_s = self._clock.now() + seconds
-
-    def fall_behind(self, *, by_s: float, over_s: float, until_s: float) -> None:
-        """Deliver what the peer sends later and later, in order and without a gap, as a radio whose buffer fills.
-
-        Args:
-            by_s: the delay that is reached.
-            over_s: how long the delay grows.
-            until_s: after this time from now the buffer is empty again.
-        """
-        self._backlog = _Backlog(self._clock.now(), by_s=by_s, over_s=over_s, until_s=until_s)
-
-    def stand_still(self, seconds: float) -> None:
-        """Let time pass as while this side's process is stopped: its buffer keeps the oldest datagrams and loses the rest."""
-        kept, until_s = list(self._arrived), self._clock.now() + seconds
-        self._arrived.clear()
-        while (left_s := until_s - self._clock.now()) > 0.0:
-            data = self.receive(left_s)
-            # datagrams that a UDP socket keeps by default on Linux: 208 KiB, in which each small one takes 768 bytes
-            if data is not None and len(kept) < 270:
-                kept.append(data)
-        self._arrived.extend(kept)
 
     def send(self, data: bytes) -> None:
         """Send one datagram to the peer."""
@@ -224,12 +181,12 @@ class SimulatedLink:
             self._dispatch(data, to_peer=False)
 
     def _dispatch(self, data: bytes, *, to_peer: bool) -> None:
-        if self._clock.now() < self._dark_until_s:
-            return
         direction = self._to_peer if to_peer else self._from_peer
-        for arrival, copy in direction.arrivals(data, self._clock.now()):
-            arrival_s = arrival if to_peer else self._backlog.arrival_s(self._clock.now(), arrival)
-            heapq.heappush(self._in_flight, (arrival_s, next(self._order), to_peer, copy))
+        for arrival_s, copy in direction.arrivals(data, self._clock.now()):
+            self._carry(copy, arrival_s, to_peer=to_peer)
+
+    def _carry(self, data: bytes, arrival_s: float, *, to_peer: bool) -> None:
+        heapq.heappush(self._in_flight, (arrival_s, next(self._order), to_peer, data))
 
 
 class LossyLink(WrappingLink):

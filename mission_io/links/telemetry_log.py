@@ -105,7 +105,7 @@ class TelemetryLogWriter(Closing):
 
 
 class LoggedLink(WrappingLink):
-    """A :class:`~mission_io.links.opening.Link` that writes its datagrams into a log, from ``log_to`` on."""
+    """A :class:`~mission_io.links.base.Link` that writes its datagrams into a log, from ``log_to`` on."""
 
     def __init__(self, link: Link) -> None:
         super().__init__(link)

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, ClassVar, TypeVar
 
-from mission_io.model.areas import FramedPoint
-from mission_io.model.items import Command, Frame, MissionItem, SpeedType
+from mission_io.model.items import Command, Frame, FramedPoint, MissionItem, SpeedType
 
 EnumT = TypeVar("EnumT", bound=Enum)
 

@@ -1,6 +1,13 @@
-"""The MAVLink enumerations that mission_io uses, under their MAVLink names."""
+"""The MAVLink enumerations that mission_io uses, under their MAVLink names, and the kinds of vehicles."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
+from types import MappingProxyType
+from typing import Final
+
+from mission_io.data_tables import data_rows
+from mission_io.errors import MisuseError
 
 
 class MissionResult(IntEnum):
@@ -97,13 +104,7 @@ class VehicleClass(IntEnum):
     FIXED_WING = 1
     QUADROTOR = 2
     GROUND_STATION = 6
-    ROVER = 10
     HEXAROTOR = 13
-    OCTOROTOR = 14
-    ONBOARD_CONTROLLER = 18
-    GIMBAL = 26
-    ADSB = 27
-    CAMERA = 30
 
 
 class AutopilotId(IntEnum):
@@ -138,3 +139,93 @@ class EkfFlag(IntFlag):
     POSITION_HORIZONTAL_ABSOLUTE = 0x10
     POSITION_VERTICAL_ABSOLUTE = 0x20
     CONSTANT_POSITION = 0x80
+
+
+class ParamType(IntEnum):
+    """Type of a parameter (MAV_PARAM_TYPE and MAV_PARAM_EXT_TYPE, which agree)."""
+
+    UINT8 = 1
+    INT8 = 2
+    UINT16 = 3
+    INT16 = 4
+    UINT32 = 5
+    INT32 = 6
+    UINT64 = 7
+    INT64 = 8
+    REAL32 = 9
+    REAL64 = 10
+    CUSTOM = 11
+
+
+class Capability(IntFlag):
+    """How an autopilot sends whole numbers as parameters (MAV_PROTOCOL_CAPABILITY)."""
+
+    PARAM_ENCODE_BYTEWISE = 0x10
+    """By their bits."""
+    PARAM_ENCODE_C_CAST = 0x20000
+    """By their value."""
+
+
+# Vehicle types: the numbers of MAV_TYPE, by name and by kind (multicopter, plane, rover, ...).
+
+
+class VehicleKind(Enum):
+    """Vehicles that move in the same way; the value is for people."""
+
+    MULTIROTOR = "multirotor"
+    HELICOPTER = "helicopter"
+    PLANE = "plane"
+    VTOL = "VTOL plane"
+    ROVER = "rover"
+    BOAT = "boat"
+    SUBMARINE = "submarine"
+    AIRSHIP = "airship"
+    OTHER = "other vehicle"
+    NO_VEHICLE = "part of a vehicle, or a station"
+
+
+@dataclass(frozen=True, slots=True)
+class _Type:
+    number: int
+    kind: VehicleKind
+
+
+_TYPES: Final[Mapping[int, tuple[str, VehicleKind]]] = MappingProxyType(
+    {
+        row.number: (name, row.kind)
+        for name, row in data_rows(_Type, "mission_io/data/vehicle_types.toml", "types").items()
+    }
+)
+"""Name and kind of each MAV_TYPE."""
+
+VEHICLE_TYPES: Final = tuple(_TYPES)
+"""The numbers that have a name here."""
+
+
+def type_name(vehicle_type: int) -> str:
+    """The name of a MAV_TYPE number, for people and as :func:`parse_type` reads it.
+
+    >>> type_name(2), type_name(22), type_name(200)
+    ('quadrotor', 'vtol-fixedrotor', 'type 200')
+    """
+    known = _TYPES.get(vehicle_type)
+    return f"type {vehicle_type}" if known is None else known[0]
+
+
+def kind_of(vehicle_type: int) -> VehicleKind:
+    """The kind of vehicle with a MAV_TYPE number; an unknown number is another vehicle."""
+    known = _TYPES.get(vehicle_type)
+    return VehicleKind.OTHER if known is None else known[1]
+
+
+def parse_type(text: str) -> int:
+    """The MAV_TYPE number of a vehicle's name; ``vtol`` is short for the most usual of them.
+
+    Raises:
+        MisuseError: no vehicle has that name; it says which names there are.
+    """
+    wanted = "vtol-fixedrotor" if text == "vtol" else text
+    vehicles = {name: number for number, (name, kind) in _TYPES.items() if kind is not VehicleKind.NO_VEHICLE}
+    if wanted not in vehicles:
+        raise MisuseError(f"unknown vehicle type {text!r}; use one of {', '.join(vehicles)}")
+    return vehicles[wanted]

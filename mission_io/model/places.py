@@ -6,8 +6,7 @@ A doubt is a valid value that is probably a mistake: a position at 0, 0, or a ro
 import math
 from collections.abc import Sequence
 
-from mission_io.model.areas import Fence, LatLon
-from mission_io.model.items import Command, GeoPoint, Mission
+from mission_io.model.items import Command, Fence, GeoPoint, LatLon, Mission
 
 EQUATOR_RADIUS_M = 6378137.0
 ECCENTRICITY_SQUARED = (2.0 - 1.0 / 298.257223563) / 298.257223563
@@ -75,7 +74,7 @@ FAR_FROM_HOME_M = 100_000.0
 """Positions further away are doubted; no electric multicopter flies so far."""
 
 
-def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) -> tuple[str, ...]:
+def doubts_about(mission: Mission) -> tuple[str, ...]:
     """Probable mistakes, one line each.
 
     Swapped latitudes and longitudes are distinguished from a route that is far from home. A doubt is not an error: the
@@ -98,9 +97,9 @@ def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) 
         if home is None:
             continue
         distance_m = ground_distance_m(home.lat_deg, home.lon_deg, item.lat_deg, item.lon_deg)
-        if distance_m > far_from_home_m:
+        if distance_m > FAR_FROM_HOME_M:
             far.append((number, distance_m))
-            swapped += _near_when_swapped(home, item.lat_deg, item.lon_deg, far_from_home_m)
+            swapped += _near_when_swapped(home, item.lat_deg, item.lon_deg)
     if far:
         number, distance_m = max(far, key=lambda entry: entry[1])
         what = (
@@ -108,10 +107,10 @@ def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) 
             if swapped == len(far)
             else "do the route and home belong to different locations?"
         )
-        rank = f"the farthest of {len(far)} beyond {far_from_home_m / 1000.0:.0f} km"
+        rank = f"the farthest of {len(far)} beyond {FAR_FROM_HOME_M / 1000.0:.0f} km"
         doubts.append(f"item {number}: {distance_m / 1000.0:.0f} km from home ({rank}); {what}")
     return tuple(doubts)
 
 
-def _near_when_swapped(home: GeoPoint, lat_deg: float, lon_deg: float, limit_m: float) -> bool:
-    return abs(lon_deg) <= 90.0 and ground_distance_m(home.lat_deg, home.lon_deg, lon_deg, lat_deg) <= limit_m
+def _near_when_swapped(home: GeoPoint, lat_deg: float, lon_deg: float) -> bool:
+    return abs(lon_deg) <= 90.0 and ground_distance_m(home.lat_deg, home.lon_deg, lon_deg, lat_deg) <= FAR_FROM_HOME_M

@@ -8,12 +8,12 @@ nothing was lost, and on a link so short that beginning anew costs little.
 from enum import Enum
 from typing import ClassVar, Unpack
 
-from mission_io.autopilots.checks import refuse_impossible
+from mission_io.autopilots.mission_lists import refuse_impossible
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem
 from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import Row, Table, staying
-from mission_io.protocol.tuning import TRANSFERS
+from mission_io.protocol.timing import TRANSFERS
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message
 
@@ -67,7 +67,7 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
         Row(_S.LISTING, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.LISTING, _E.RESEND, _S.LISTING, "resend_list"),
         Row(_S.LISTING, _E.GIVE_UP, _S.SILENT),
-        *staying([_S.LISTING], [_E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED]),
+        *staying(_S.LISTING, _E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED),
         #
         Row(_S.FETCHING, _E.ITEM, _S.FETCHING, "store"),
         Row(_S.FETCHING, _E.ITEM_LAST, _S.DONE, "store_last"),
@@ -79,14 +79,14 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
         Row(_S.FETCHING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         Row(_S.FETCHING, _E.RESEND, _S.FETCHING, "resend_requests"),
         Row(_S.FETCHING, _E.STALL, _S.LISTING, "begin_anew"),
-        *staying([_S.FETCHING], [_E.COUNT, _E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE]),
+        *staying(_S.FETCHING, _E.COUNT, _E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE),
         #
         Row(_S.BACKING_OFF, _E.COUNT, _S.FETCHING, "begin"),
         Row(_S.BACKING_OFF, _E.COUNT_ZERO, _S.DONE, "finish"),
         Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.BACKING_OFF, _E.RETRY, _S.LISTING, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
-        *staying([_S.BACKING_OFF], [_E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_BUSY, _E.ACK_SEQUENCE, _E.ACK_CANCELLED]),
+        *staying(_S.BACKING_OFF, _E.ITEM_STRAY, _E.ACK_ACCEPTED, _E.ACK_BUSY, _E.ACK_SEQUENCE, _E.ACK_CANCELLED),
         #
         *(Row(state, _E.CANCEL, _S.CANCELLED, "send_cancel") for state in (_S.LISTING, _S.FETCHING, _S.BACKING_OFF)),
         *(Row(state, _E.NO_PROGRESS, _S.STUCK, "send_cancel") for state in (_S.LISTING, _S.FETCHING)),

@@ -8,8 +8,7 @@ from typing import ClassVar, Generic, Required, TypedDict, TypeVar, Unpack
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.protocol.tables import Row, Table, staying
-from mission_io.protocol.timing import Departures, Patience, Timing
-from mission_io.protocol.tuning import TRANSFERS
+from mission_io.protocol.timing import TRANSFERS, Departures, Patience, Timing
 from mission_io.wire.messages import Address, Message, MissionAck, MissionClearAll, Received, is_for
 
 StateT = TypeVar("StateT", bound=Enum)
@@ -276,14 +275,14 @@ CLEAR_TABLE: Table[ClearState, ClearEvent] = Table(
         Row(_S.ASKED, _E.RESEND, _S.ASKED, "resend"),
         Row(_S.ASKED, _E.GIVE_UP, _S.SILENT),
         Row(_S.ASKED, _E.NO_PROGRESS, _S.STUCK),
-        *staying([_S.ASKED], [_E.ACK_STRAY]),
+        *staying(_S.ASKED, _E.ACK_STRAY),
         #
         Row(_S.BACKING_OFF, _E.ACK_ACCEPTED, _S.CLEARED),
         Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.BACKING_OFF, _E.RETRY, _S.ASKED, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
         # ArduPilot answers a denied clear twice.
-        *staying([_S.BACKING_OFF], [_E.ACK_BUSY, _E.ACK_STRAY]),
+        *staying(_S.BACKING_OFF, _E.ACK_BUSY, _E.ACK_STRAY),
     ]
 )
 """Every transition of a clear. A finished clear ignores everything."""

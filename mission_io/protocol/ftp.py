@@ -1,19 +1,18 @@
-"""MAVLink FTP: the payload of FILE_TRANSFER_PROTOCOL, its operations and errors.
+"""MAVLink FTP: the payload of FILE_TRANSFER_PROTOCOL, its operations and errors, and a vehicle's side of it.
 
 A payload is little-endian: sequence number (16 bits), session, operation, size of the data, operation that is answered, whether a
 burst is complete, padding, offset (32 bits), up to 239 bytes of data. An answer has the request's sequence number plus one.
 """
 
-import math
 import struct
 import zlib
-from collections import OrderedDict
+from collections.abc import MutableMapping
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
+from typing import Protocol
 
 from mission_io.errors import FormatError, MisuseError
-from mission_io.protocol.timing import RoundTrip
-from mission_io.protocol.tuning import FILES
+from mission_io.protocol.timing import FILES
 
 DATA_BYTES = 239
 PAYLOAD_BYTES = 251
@@ -32,10 +31,7 @@ class FtpOperation(IntEnum):
     WRITE_FILE = 7
     REMOVE_FILE = 8
     CREATE_DIRECTORY = 9
-    REMOVE_DIRECTORY = 10
     OPEN_FILE_WO = 11
-    TRUNCATE_FILE = 12
-    RENAME = 13
     CALC_FILE_CRC32 = 14
     BURST_READ_FILE = 15
     ACK = 128
@@ -136,268 +132,177 @@ def path_bytes(path: str) -> bytes:
     return data
 
 
-# Requests of MAVLink FTP under way: their timeouts, their losses, and the retries of questions.
+# A vehicle's side of MAVLink FTP, with files in memory: one open file, as ArduPilot has it.
+
+MAX_FILE_BYTES = 64 * 1024 * 1024
 
 
-class FtpWaits:
-    """Timeout of an answer, learnt from earlier ones."""
+class MadeFiles(Protocol):
+    """Files that a vehicle makes when they are opened, and takes apart when they are closed."""
 
-    def __init__(self) -> None:
-        self._round_trip: RoundTrip | None = None
-        self._shortest_s = math.inf
+    def read(self, path: str) -> bytes | None:
+        """Current content of a file; None for one that is on the card."""
+        ...
 
-    def measure(self, sample_s: float) -> None:
-        """Learn from the delay of an answer."""
-        self._shortest_s = min(self._shortest_s, sample_s)
-        first = self._round_trip is None
-        self._round_trip = (
-            RoundTrip.first(sample_s) if first or self._round_trip is None else self._round_trip.updated(sample_s)
-        )
-
-    def alone_s(self, tries: int) -> float:
-        """Before a question is asked again when nothing else is on the way.
-
-        An answer is given again for a repeated number: a longer timeout would only cost time.
-        """
-        if self._round_trip is None:
-            return FILES.first_wait_s
-        slow_tries = max(0, tries - FILES.hasty_tries)
-        shortest = max(FILES.least_control_wait_s, 1.5 * self._shortest_s)
-        return min(FILES.most_wait_s, shortest * 2.0 ** min(slow_tries, 10))
-
-    @property
-    def among_others_s(self) -> float:
-        """Before a request of several is taken for lost."""
-        if self._round_trip is None:
-            return FILES.first_wait_s
-        waits = 2.0 * self._round_trip.smoothed_s + 4.0 * self._round_trip.variation_s
-        return min(FILES.most_wait_s, max(FILES.least_wait_s, waits))
+    def written(self, path: str, content: bytes) -> None:
+        """Take a file that was written and closed."""
+        ...
 
 
-class FtpQuestion:
-    """One request with nothing else on the way, repeated until it is answered."""
+class FtpServer:
+    """Answers requests; lost answers are given again for a repeated sequence number."""
 
-    def __init__(self, request: FtpMessage, waits: FtpWaits) -> None:
-        self.request = request
-        self._waits, self._asked_at_s, self._tries = waits, -math.inf, 0
-
-    @property
-    def next_timer(self) -> float:
-        """When it is asked again."""
-        return self._asked_at_s + self._waits.alone_s(self._tries)
-
-    def messages_to_send(self, now: float) -> list[FtpMessage]:
-        """The request, when it is due."""
-        if now < self.next_timer:
-            return []
-        self._asked_at_s, self._tries = now, self._tries + 1
-        return [self.request]
-
-    def is_answered_by(self, answer: FtpMessage, now: float) -> bool:
-        """Whether this is its answer."""
-        if (answer.seq - 1) % 65536 != self.request.seq or answer.answers != self.request.operation:
-            return False
-        if self._tries == 1:
-            self._waits.measure(now - self._asked_at_s)
-        return True
-
-
-@dataclass(slots=True)
-class _Sent:
-    """A request under way: its piece, its number, its time, and the count of later answered ones."""
-
-    piece: int
-    at_s: float
-    number: int
-    later: int = 0
-
-
-class FtpWindow:
-    """Requests for pieces of a file, several on their way at once."""
-
-    def __init__(self, waits: FtpWaits) -> None:
-        self._waits = waits
-        self._sent: OrderedDict[int, _Sent] = OrderedDict()
-        self._late: dict[int, _Sent] = {}
-        self._count = 0
-
-    def __len__(self) -> int:
-        """Number of requests under way."""
-        return len(self._sent)
-
-    def add(self, seq: int, piece: int, now: float) -> None:
-        """A request was sent."""
-        self._sent[seq] = _Sent(piece, now, self._count)
-        self._count += 1
-
-    def take(self, seq: int, now: float) -> int | None:
-        """The piece of the request that was answered, one that was taken for lost included; None for an unknown one."""
-        sent = self._sent.pop(seq, None)
-        if sent is None:
-            sent = self._late.pop(seq, None)
-            if sent is None:
-                return None
-        else:
-            for other in self._sent.values():
-                if other.number > sent.number:
-                    break
-                other.later += 1
-        self._waits.measure(now - sent.at_s)
-        return sent.piece
-
-    def lost(self, now: float) -> list[int]:
-        """The pieces of requests that are taken for lost from now on."""
-        lost = [
-            seq
-            for seq, sent in self._sent.items()
-            if sent.later >= FILES.overtaking_answers or now >= sent.at_s + self._waits.among_others_s
-        ]
-        self._late |= {seq: self._sent.pop(seq) for seq in lost}
-        return [self._late[seq].piece for seq in lost]
-
-    def next_timer(self) -> float | None:
-        """When the oldest is taken for lost; None when none is on the way."""
-        oldest = next(iter(self._sent.values()), None)
-        return None if oldest is None else oldest.at_s + self._waits.among_others_s
-
-    def clear(self) -> None:
-        """Forget all of them."""
-        self._sent.clear()
-        self._late.clear()
-
-
-class FtpState(Enum):
-    """Where a transfer is; a list of a folder is either opening or at an end."""
-
-    OPENING = "opening"
-    BURSTS = "reading in bursts"
-    GAPS = "reading what is missing"
-    WRITING = "writing"
-    PROBING = "finding out what is missing"
-    CLOSING = "closing"
-    CHECKING = "comparing the CRC"
-    DONE = "done"
-    REFUSED = "refused"
-    DIFFERS = "the data arrived with a different CRC"
-    SILENT = "silent"
-
-
-_ENDS = (FtpState.DONE, FtpState.REFUSED, FtpState.DIFFERS, FtpState.SILENT)
-
-
-class FtpTransfer:
-    """The common part of uploads, downloads and lists of folders; sans-IO.
-
-    One question at a time (opening, closing, comparing) is repeated until it is answered; in between, the file's pieces travel.
-
-    Attributes:
-        why: The reason of the state, at the end.
-    """
-
-    silence = "no answer"
-
-    def __init__(self, path: str, *, now: float, silent_s: float) -> None:
-        self.path, self.silent_s = path, silent_s
-        self.state, self.why = FtpState.OPENING, ""
-        self._path = path_bytes(path)
-        # A server answers a repeated number as it did before, and an earlier transfer may have ended with any.
-        self._session, self._seq = 0, round(now * 1000.0) % 65536
-        self._waits = FtpWaits()
-        self._question: tuple[FtpQuestion, FtpState] | None = None
-        self._heard_at_s = now
-        self._crc_tries = 0
-
-    @property
-    def finished(self) -> bool:
-        """Whether it has ended, well or not."""
-        return self.state in _ENDS
-
-    def messages_to_send(self, now: float) -> list[FtpMessage]:
-        """Messages to send at ``now``."""
-        if self.finished:
-            return []
-        if now >= self._heard_at_s + self.silent_s:
-            self.state, self.why = FtpState.SILENT, f"{self.silence} for {self.silent_s:g} s"
-            return []
-        return self._piece_requests(now) if self._question is None else self._question[0].messages_to_send(now)
-
-    def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it has ended."""
-        if self.finished:
-            return None
-        silent_at_s = self._heard_at_s + self.silent_s
-        due_at_s = self._pieces_due_at_s() if self._question is None else self._question[0].next_timer
-        return silent_at_s if due_at_s is None else min(silent_at_s, due_at_s)
-
-    def receive(self, payload: bytes, now: float) -> None:
-        """Take the payload of an answer."""
-        answer = FtpMessage.answer(payload)
-        if self.finished or answer is None:
-            return
-        if self._question is None:
-            self._take_answer(answer, now)
-            return
-        question, then = self._question
-        if question.is_answered_by(answer, now):
-            self._question, self._heard_at_s = None, now
-            self._take_control(answer, FtpOperation(question.request.operation), then, now)
-
-    # What the pieces of the file need; a list of a folder has none.
-
-    def _piece_requests(self, now: float) -> list[FtpMessage]:
-        del now
-        return []
-
-    def _pieces_due_at_s(self) -> float | None:
-        return None
-
-    def _take_answer(self, answer: FtpMessage, now: float) -> None:
-        """Take an answer while no question is open."""
-
-    # Questions.
-
-    def _ask(
-        self, operation: FtpOperation, then: FtpState, *, session: int = 0, offset: int = 0, step: int = 1
+    def __init__(
+        self,
+        files: MutableMapping[str, bytearray] | None = None,  # content by path; paths begin as the reader writes them
+        *,
+        burst: int = FILES.burst,  # answers in a burst
+        made: MadeFiles | None = None,  # files that are made when they are opened
     ) -> None:
-        """Ask about the file, or about a session; in state ``then`` it goes on."""
-        about_file = operation not in (FtpOperation.TERMINATE_SESSION, FtpOperation.RESET_SESSIONS)
-        request = FtpMessage(self._next_seq(step), operation, session, offset, self._path if about_file else b"")
-        self._question = FtpQuestion(request, self._waits), then
+        self._made = made
+        self._burst_length = burst
+        self.files: MutableMapping[str, bytearray] = {} if files is None else files
+        self._open: str | None = None
+        self._writes = False
+        self._session = 0
+        self._last: tuple[int, list[FtpMessage]] | None = None
 
-    def _next_seq(self, step: int = 1) -> int:
-        self._seq = (self._seq + step) % 65536
-        return self._seq
+    def answer(self, payload: bytes) -> list[bytes]:
+        """The payloads that answer one; none for what is no request. Never raises on what a peer sent."""
+        try:
+            request = FtpMessage.decoded(payload)
+        except FormatError:
+            return []
+        if request.operation in (FtpOperation.ACK, FtpOperation.NAK):
+            return []
+        if self._last is not None and self._last[0] == request.seq:
+            return [answer.encoded() for answer in self._last[1]]
+        answers = self._answers(request)
+        self._last = request.seq, answers
+        return [answer.encoded() for answer in answers]
 
-    def _refuse(self, why: str) -> None:
-        self.state, self.why = FtpState.REFUSED, why
+    def restart(self) -> None:
+        """Close what is open, as after a reboot; files stay."""
+        self._open, self._last = None, None
 
-    def _take_control(self, answer: FtpMessage, operation: FtpOperation, then: FtpState, now: float) -> None:
-        """Take the answer to a question."""
-        if operation in (FtpOperation.TERMINATE_SESSION, FtpOperation.RESET_SESSIONS):
-            self._go(then)
-        elif answer.error is None:
-            self._take_success(answer, operation, then, now)
-        elif answer.error in (FtpError.FAIL, FtpError.NO_SESSIONS_AVAILABLE) and not self.why:
-            self.why = "a file was open"  # perhaps ours, from before
-            self._ask(FtpOperation.RESET_SESSIONS, self.state)
-        else:
-            self._refuse(f"{operation.name}: {answer.error_text}")
+    def _answers(self, request: FtpMessage) -> list[FtpMessage]:
+        path = request.data.split(b"\0", 1)[0].decode("utf-8", errors="replace")
+        match request.operation:
+            case FtpOperation.TERMINATE_SESSION | FtpOperation.RESET_SESSIONS:
+                self._close()
+                return [self._ack(request)]
+            case FtpOperation.OPEN_FILE_RO | FtpOperation.OPEN_FILE_WO | FtpOperation.CREATE_FILE:
+                return [self._opened(request, path)]
+            case FtpOperation.READ_FILE:
+                return [self._read(request)]
+            case FtpOperation.BURST_READ_FILE:
+                return self._burst(request)
+            case FtpOperation.WRITE_FILE:
+                return [self._written(request)]
+            case FtpOperation.REMOVE_FILE:
+                if self.files.pop(path, None) is None:
+                    return [self._nak(request, FtpError.FILE_NOT_FOUND)]
+                return [self._ack(request)]
+            case FtpOperation.CALC_FILE_CRC32:
+                self._make(path)
+                if path not in self.files:
+                    return [self._nak(request, FtpError.FILE_NOT_FOUND)]
+                return [self._ack(request, struct.pack("<I", crc32(bytes(self.files[path]))))]
+            case FtpOperation.LIST_DIRECTORY:
+                return [self._listed(request, path)]
+            case FtpOperation.CREATE_DIRECTORY:
+                return [self._ack(request)]
+        return [self._nak(request, FtpError.UNKNOWN_COMMAND)]
 
-    def _go(self, then: FtpState) -> None:
-        """Go on after a session was closed."""
+    def _opened(self, request: FtpMessage, path: str) -> FtpMessage:
+        if self._open is not None:
+            return self._nak(request, FtpError.FAIL)
+        if not path:
+            return self._nak(request, FtpError.INVALID_DATA_SIZE)
+        self._make(path)
+        if request.operation == FtpOperation.CREATE_FILE:
+            self.files[path] = bytearray()
+        elif path not in self.files:
+            return self._nak(request, FtpError.FILE_NOT_FOUND)
+        self._open, self._session = path, request.session
+        self._writes = request.operation != FtpOperation.OPEN_FILE_RO
+        return self._ack(request, struct.pack("<I", len(self.files[path])))
 
-    def _take_success(self, answer: FtpMessage, operation: FtpOperation, then: FtpState, now: float) -> None:
-        """Take the answer to a question that was not refused."""
+    def _make(self, path: str) -> None:
+        content = None if self._made is None else self._made.read(path)
+        if content is not None:
+            self.files[path] = bytearray(content)
 
-    def _ends_equal(self, arrived: int, sent: int, advice: str = "") -> bool:
-        """Whether two CRCs end the transfer: they are equal, or differ once too often."""
-        self._crc_tries += 1
-        if arrived == sent:
-            self.state = FtpState.DONE
-        elif self._crc_tries >= FILES.tries_of_crc:
-            self.state = FtpState.DIFFERS
-            self.why = f"CRC {arrived:08x} instead of {sent:08x} after {self._crc_tries} tries{advice}"
-        return self.finished
+    def _close(self) -> None:
+        path, self._open = self._open, None
+        if path is not None and self._writes and self._made is not None and path in self.files:
+            self._made.written(path, bytes(self.files[path]))
 
+    def _read(self, request: FtpMessage) -> FtpMessage:
+        content = self._content(request, writing=False)
+        if isinstance(content, FtpMessage):
+            return content
+        data = bytes(content[request.offset : request.offset + min(request.size or DATA_BYTES, DATA_BYTES)])
+        return self._ack(request, data) if data else self._nak(request, FtpError.END_OF_FILE)
 
-# The list of a folder by MAVLink FTP: page after page, until the vehicle reports its end.
+    def _burst(self, request: FtpMessage) -> list[FtpMessage]:
+        content = self._content(request, writing=False)
+        if isinstance(content, FtpMessage):
+            return [content]
+        step = request.size or DATA_BYTES
+        starts = range(request.offset, min(len(content), request.offset + self._burst_length * step), step)
+        if not starts:
+            return [self._nak(request, FtpError.END_OF_FILE)]
+        return [
+            FtpMessage(
+                (request.seq + 1 + number) % 65536, FtpOperation.ACK, request.session, start,
+                bytes(content[start : start + step]), answers=request.operation, burst_complete=start == starts[-1],
+            )
+            for number, start in enumerate(starts)
+        ]  # fmt: skip
+
+    def _written(self, request: FtpMessage) -> FtpMessage:
+        content = self._content(request, writing=True)
+        if isinstance(content, FtpMessage):
+            return content
+        end = request.offset + len(request.data)
+        if end > MAX_FILE_BYTES:
+            return self._nak(request, FtpError.FAIL)
+        content.extend(bytes(max(0, end - len(content))))
+        content[request.offset : end] = request.data
+        return self._ack(request)
+
+    def _content(self, request: FtpMessage, *, writing: bool) -> "bytearray | FtpMessage":
+        if self._open is None or self._open not in self.files:
+            return self._nak(request, FtpError.FILE_NOT_FOUND)
+        if request.session != self._session:
+            return self._nak(request, FtpError.INVALID_SESSION)
+        if writing != self._writes:
+            return self._nak(request, FtpError.FAIL)
+        return self.files[self._open]
+
+    def _listed(self, request: FtpMessage, path: str) -> FtpMessage:
+        folder = path.rstrip("/") + "/"
+        inside = {name[len(folder) :] for name in self.files if name.startswith(folder)}
+        if not inside and folder != "/":
+            return self._nak(request, FtpError.FILE_NOT_FOUND)
+        entries = sorted(
+            {f"D{name.split('/')[0]}" for name in inside if "/" in name}
+            | {f"F{name}\t{len(self.files[folder + name])}" for name in inside if "/" not in name}
+        )
+        data = b""
+        for entry in entries[request.offset :]:
+            if len(data) + len(entry.encode()) + 1 > DATA_BYTES:
+                break
+            data += entry.encode() + b"\0"
+        return self._ack(request, data) if data else self._nak(request, FtpError.END_OF_FILE)
+
+    def _ack(self, request: FtpMessage, data: bytes = b"") -> FtpMessage:
+        seq = (request.seq + 1) % 65536
+        return FtpMessage(
+            seq, FtpOperation.ACK, request.session, request.offset, data, answers=request.operation
+        )  # fmt: skip
+
+    def _nak(self, request: FtpMessage, error: FtpError) -> FtpMessage:
+        seq = (request.seq + 1) % 65536
+        return FtpMessage(seq, FtpOperation.NAK, request.session, 0, bytes([error]), answers=request.operation)

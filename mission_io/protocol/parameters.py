@@ -1,27 +1,135 @@
-"""Reading and setting parameters as state machines: all of them, some by name, and setting with confirmation.
+"""Parameters of a vehicle: how their values travel, and reading and setting them, sans-IO.
 
-The same machines serve the parameters of autopilots (PARAM_*) and the extended ones of other components (PARAM_EXT_*); what the
-messages of each look like is in ``ParameterMessages``. Lost values are requested again by name or index, at most ``window``
-at once, so that neither a long list nor a flood of answers makes this side flood the link.
+PARAM_VALUE has one 32-bit float for every type. Autopilots put integers into it in two ways: PX4 by their bits (bytewise),
+ArduPilot by their value (C cast), which is exact up to 2**24. AUTOPILOT_VERSION says which. Extended parameters (PARAM_EXT_*)
+have 128 bytes, of which a number takes as many as its type has, least significant first.
 """
 
+import math
+import struct
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Final, TypeAlias
 
-from mission_io.protocol.parameter_values import (
-    Parameter,
-    Value,
-    bytes_of_value,
-    float_of_value,
-    same_value,
-    value_of_bytes,
-    value_of_float,
-)
-from mission_io.protocol.tuning import VALUES
+from mission_io.errors import MisuseError
+from mission_io.model.enums import ParamType
+from mission_io.model.items import same_number
+from mission_io.protocol.timing import VALUES
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
+from mission_io.wire.mission_items import float32
+
+Value: TypeAlias = int | float | bytes
+"""A whole number, a number, or the bytes of an extended parameter of type CUSTOM."""
+
+_LETTERS: Final = dict(zip(ParamType, "BbHhIiQqfd", strict=False))
+_EXT_BYTES: Final = 128
+_WORD_BYTES: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter as a vehicle has it."""
+
+    name: str  # at most 16 letters
+    value: Value  # in its own unit: int for whole types, float for REAL32 and REAL64, bytes for CUSTOM
+    param_type: int  # A ParamType, or the number of a type that does not exist
+    index: int | None = None  # its place among all; None where the vehicle does not say
+
+
+def is_whole(param_type: int) -> bool:
+    """Whether a type holds whole numbers."""
+    return ParamType.UINT8 <= param_type <= ParamType.INT64
+
+
+def value_of_float(wire: float, param_type: int, *, bytewise: bool) -> int | float:
+    """The value that a PARAM_VALUE carries; NaN for an integer that was cast from none.
+
+    A type that does not exist, or that does not fit 32 bits, is taken as a 32-bit float.
+    """
+    letter = _LETTERS.get(_known(param_type), "f")
+    if not is_whole(param_type) or struct.calcsize(letter) > _WORD_BYTES:
+        return wire
+    if bytewise:
+        (value,) = struct.unpack_from(f"<{letter}", struct.pack("<f", wire))
+        return int(value)
+    return round(wire) if math.isfinite(wire) else wire
+
+
+def float_of_value(value: float, param_type: int, *, bytewise: bool, name: str) -> float:
+    """The float that PARAM_SET carries for a value; the inverse of ``value_of_float``.
+
+    Raises:
+        MisuseError: the value does not fit the type, or would arrive as another number.
+    """
+    if not is_whole(param_type):
+        return float32(value)
+    whole = _whole(value, param_type, name)
+    letter = _LETTERS[ParamType(param_type)]
+    if struct.calcsize(letter) > _WORD_BYTES:
+        raise MisuseError(f"{name} has 64 bits, but PARAM_SET supports only 32")
+    if not bytewise:
+        if float32(float(whole)) != whole:
+            raise MisuseError(f"{name} = {whole} does not fit in a 32-bit float; use a number below 2**24")
+        return float(whole)
+    packed = struct.pack(f"<{letter}", whole)
+    fill = b"\xff" if whole < 0 else b"\0"
+    (wire,) = struct.unpack("<f", packed + fill * (_WORD_BYTES - len(packed)))
+    if struct.pack("<f", wire)[: len(packed)] != packed:
+        raise MisuseError(f"{name} = {whole} cannot be sent, because its bits form a signalling NaN")
+    return float(wire)
+
+
+def value_of_bytes(raw: bytes, param_type: int) -> Value:
+    """The value that a PARAM_EXT_VALUE carries; the bytes, without the zeros at their end, where the type is no number."""
+    letter = _LETTERS.get(_known(param_type))
+    if letter is None:
+        return raw.rstrip(b"\0")
+    (value,) = struct.unpack_from(f"<{letter}", raw.ljust(8, b"\0"))
+    return float(value) if letter in "fd" else int(value)
+
+
+def bytes_of_value(value: Value, param_type: int, *, name: str) -> bytes:
+    """The 128 bytes that PARAM_EXT_SET carries for a value. Raises MisuseError: the value does not fit the type."""
+    letter = _LETTERS.get(_known(param_type))
+    if letter is None or isinstance(value, bytes):
+        if letter is not None or not isinstance(value, bytes):
+            raise MisuseError(f"{name}: only parameters of type CUSTOM accept bytes")
+        if len(value) > _EXT_BYTES:
+            raise MisuseError(f"{name} has {len(value)} bytes, but the limit is {_EXT_BYTES}")
+        return value.ljust(_EXT_BYTES, b"\0")
+    if letter == "f":
+        value = float32(value)
+    elif letter != "d":
+        value = _whole(value, param_type, name)
+    return struct.pack(f"<{letter}", value).ljust(_EXT_BYTES, b"\0")
+
+
+def same_value(one: Value, other: Value, param_type: int) -> bool:
+    """Whether two values are the same to a vehicle that stores ``param_type``."""
+    if isinstance(one, bytes) or isinstance(other, bytes):
+        return one == other
+    if not is_whole(param_type) and param_type != ParamType.REAL64:
+        one, other = float32(one), float32(other)
+    return same_number(one, other)
+
+
+def _known(param_type: int) -> ParamType:
+    return ParamType(param_type) if param_type in ParamType._value2member_map_ else ParamType.CUSTOM
+
+
+def _whole(value: float, param_type: int, name: str) -> int:
+    """A value as a whole number of its type."""
+    if not math.isfinite(value) or value != int(value):
+        raise MisuseError(f"{name} = {value} is not a whole number, but {name} is {ParamType(param_type).name}")
+    bits = 8 * struct.calcsize(_LETTERS[ParamType(param_type)])
+    signed = param_type % 2 == 0  # the signed types have even numbers
+    low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
+    if not low <= value <= high:
+        raise MisuseError(f"{name} = {value:g} does not fit in {ParamType(param_type).name} ({low} to {high})")
+    return int(value)
+
 
 # Meaning of messages about parameters: autopilots' (PARAM_*) and extended ones (PARAM_EXT_*).
 
@@ -43,17 +151,13 @@ class Heard:
     in_progress: bool = False  # whether the component is still setting it
 
 
+@dataclass(frozen=True, slots=True)
 class ParameterMessages:
-    """The messages about parameters, to and from one component.
+    """The messages about parameters, to and from one component."""
 
-    Args:
-        to: The component.
-        bytewise: Whether it sends the bits of an integer as if they were a float, or casts it.
-        extended: Whether it has extended parameters.
-    """
-
-    def __init__(self, to: Address, *, bytewise: bool = False, extended: bool = False) -> None:
-        self.to, self.bytewise, self.extended = to, bytewise, extended
+    to: Address  # the component
+    bytewise: bool = False  # whether it sends the bits of an integer as if they were a float, or casts it
+    extended: bool = False  # whether it has extended parameters
 
     def list_request(self) -> m.Message:
         """Asks for all."""
@@ -65,8 +169,9 @@ class ParameterMessages:
         kind = m.ParamExtRequestRead if self.extended else m.ParamRequestRead
         return kind(*self.to, name, index)
 
-    def set_request(self, name: str, value: Value, param_type: int) -> m.Message:
+    def set_request(self, wanted: Parameter) -> m.Message:
         """Asks to set one. Raises MisuseError: the value does not fit the type."""
+        name, value, param_type = wanted.name, wanted.value, wanted.param_type
         if self.extended:
             return m.ParamExtSet(*self.to, name, bytes_of_value(value, param_type, name=name), param_type)
         number = float("nan") if isinstance(value, bytes) else value
@@ -94,20 +199,21 @@ class ParameterMessages:
         return Heard(name, Parameter(name, value, param_type, None if index == 0xFFFF else index), count)
 
 
-KeyT = TypeVar("KeyT", int, str)
+_Key = int | str
+"""A parameter's index or name."""
 
 
-class _Asking(Generic[KeyT]):
-    """Outstanding requests: each is repeated after a silence, at most ``window`` at once."""
+class _Asking:
+    """Outstanding requests: each is repeated after a silence, at most ``window`` at once, so that none floods the link."""
 
-    def __init__(self, keys: Iterable[KeyT], *, window: int, again_s: float) -> None:
-        self.left: dict[KeyT, None] = dict.fromkeys(keys)
+    def __init__(self, requests: Mapping[_Key, m.Message], *, window: int, again_s: float) -> None:
+        self.left = dict(requests)
         self._window, self._again_s = window, again_s
-        self._asked_at: dict[KeyT, float] = {}
+        self._asked_at: dict[_Key, float] = {}
 
-    def due(self, now: float) -> list[KeyT]:
+    def due(self, now: float) -> list[m.Message]:
         """Requests due now."""
-        found: list[KeyT] = []
+        found: list[_Key] = []
         waiting = 0
         for key in self.left:
             asked_at = self._asked_at.get(key)
@@ -118,53 +224,45 @@ class _Asking(Generic[KeyT]):
             if waiting + len(found) >= self._window:
                 break
         self._asked_at.update(dict.fromkeys(found, now))
-        return found
+        return [self.left[key] for key in found]
 
     def next_timer(self) -> float | None:
         """When the next is due; None while nothing is asked."""
         return min(self._asked_at.values()) + self._again_s if self._asked_at else None
 
-    def answered(self, key: KeyT) -> bool:
+    def answered(self, key: _Key) -> bool:
         """Whether this was requested; removes the request."""
         self._asked_at.pop(key, None)
-        if key not in self.left:
-            return False
-        del self.left[key]
-        return True
+        return self.left.pop(key, None) is not None
 
-    def wait_longer(self, key: KeyT, now: float) -> None:
+    def wait_longer(self, key: _Key, now: float) -> None:
         """Ask for this again only after another silence from now on."""
         if key in self._asked_at:
             self._asked_at[key] = now
+
+
+_QUIET_S = 1.0
+"""Time without a new parameter after which a list has run dry."""
 
 
 class ParameterDownload:
     """All parameters of a component.
 
     The list is requested, repeatedly until the first one comes. When it runs dry, the missing ones are requested by
-    their index.
-
-    Args:
-        messages: The component's messages.
-        now: The present time in seconds.
-        quiet_s: Time without a new one after which the list has run dry.
-        silent_s: Time without a new one after which it is given up.
-        window: Requests on the way at once.
+    their index. It is given up after ``silent_s`` seconds without a new one.
 
     Attributes:
         found: Those that have come, by name.
         count: Number of parameters by the component's messages.
     """
 
-    def __init__(
-        self, messages: ParameterMessages, *, now: float, quiet_s: float = 1.0, silent_s: float = 10.0, window: int = 10
-    ) -> None:
+    def __init__(self, messages: ParameterMessages, *, now: float, silent_s: float) -> None:
         self.found: dict[str, Parameter] = {}
         self.count: int | None = None
         self.silent = self.cancelled = False
-        self._messages, self._quiet_s, self._silent_s, self._window = messages, quiet_s, silent_s, window
+        self._messages, self._silent_s = messages, silent_s
         self._indices: set[int] = set()
-        self._asking: _Asking[int] | None = None
+        self._asking: _Asking | None = None
         self._new_at = now
         self._listed_at: float | None = None
 
@@ -213,27 +311,28 @@ class ParameterDownload:
         if self.finished:
             return []
         if not self._indices:
-            if self._listed_at is not None and now < self._listed_at + self._quiet_s:
+            if self._listed_at is not None and now < self._listed_at + _QUIET_S:
                 return []
             self._listed_at = now
             return [self._messages.list_request()]
         if self._asking is None or not self._asking.left:
-            if now < self._new_at + self._quiet_s:
+            if now < self._new_at + _QUIET_S:
                 return []
-            self._asking = _Asking(self.missing, window=self._window, again_s=self._quiet_s)
-        return [self._messages.read_request("", index) for index in self._asking.due(now)]
+            requests: dict[_Key, m.Message] = {index: self._messages.read_request("", index) for index in self.missing}
+            self._asking = _Asking(requests, window=10, again_s=_QUIET_S)
+        return self._asking.due(now)
 
     def next_timer(self) -> float | None:
         """When it wants to be asked again; None when it is over."""
         if self.finished:
             return None
-        give_up_at = self._new_at + self._silent_s
+        due_at: float | None = self._new_at + _QUIET_S
         if not self._indices:
-            return min(give_up_at, (self._listed_at or self._new_at) + self._quiet_s)
-        if self._asking is None or not self._asking.left:
-            return min(give_up_at, self._new_at + self._quiet_s)
-        again_at = self._asking.next_timer()
-        return give_up_at if again_at is None else min(give_up_at, again_at)
+            due_at = (self._listed_at or self._new_at) + _QUIET_S
+        elif self._asking is not None and self._asking.left:
+            due_at = self._asking.next_timer()
+        give_up_at = self._new_at + self._silent_s
+        return give_up_at if due_at is None else min(give_up_at, due_at)
 
 
 class _ParameterRequests:
@@ -244,12 +343,12 @@ class _ParameterRequests:
     """
 
     def __init__(
-        self, messages: ParameterMessages, names: Iterable[str], *, until_s: float, again_s: float, window: int
+        self, messages: ParameterMessages, requests: Mapping[_Key, m.Message], *, until_s: float, window: int
     ) -> None:
         self.refused: dict[str, str] = {}
         self.cancelled = False
-        self._messages, self._until = messages, until_s
-        self._asking = _Asking(names, window=window, again_s=again_s)
+        self._messages, self._until, self._count = messages, until_s, len(requests)
+        self._asking = _Asking(requests, window=window, again_s=0.5)
         self._over = False
 
     @property
@@ -260,12 +359,21 @@ class _ParameterRequests:
     @property
     def missing(self) -> list[str]:
         """Names without an answer."""
-        return list(self._asking.left)
+        return [str(name) for name in self._asking.left]
 
     def cancel(self, now: float) -> None:
         """Stop; what was sent may be set all the same."""
         del now
         self.cancelled = True
+
+    def counts(self) -> tuple[int, int | None]:
+        """Number of settled parameters, and of all."""
+        return self._count - len(self._asking.left), self._count
+
+    def messages_to_send(self, now: float) -> list[m.Message]:
+        """Messages due at ``now``."""
+        self._over = self._over or now >= self._until
+        return [] if self.finished else self._asking.due(now)
 
     def next_timer(self) -> float | None:
         """When it wants to be asked again; None when it is over."""
@@ -280,26 +388,12 @@ class ParameterReads(_ParameterRequests):
 
     Attributes:
         found: Those that have come, by name.
-        refused: Those that the component does not give, each with its reason.
     """
 
-    def __init__(
-        self,
-        messages: ParameterMessages,
-        names: Collection[str],
-        *,
-        now: float,
-        timeout_s: float = 3.0,
-        again_s: float = 0.5,
-        window: int = 20,
-    ) -> None:
-        super().__init__(messages, names, until_s=now + timeout_s, again_s=again_s, window=window)
+    def __init__(self, messages: ParameterMessages, names: Collection[str], *, now: float, timeout_s: float) -> None:
+        requests: dict[_Key, m.Message] = {name: messages.read_request(name) for name in names}
+        super().__init__(messages, requests, until_s=now + timeout_s, window=20)
         self.found: dict[str, Parameter] = {}
-
-    def counts(self) -> tuple[int, int | None]:
-        """Number of answered requests, and of all."""
-        answered = len(self.found) + len(self.refused)
-        return answered, answered + len(self._asking.left)
 
     def receive(self, received: m.Received, now: float) -> None:
         """Take a message; those about anything else have no effect."""
@@ -312,11 +406,6 @@ class ParameterReads(_ParameterRequests):
         else:
             self.found[heard.name] = heard.parameter
 
-    def messages_to_send(self, now: float) -> list[m.Message]:
-        """Messages due at ``now``."""
-        self._over = self._over or now >= self._until
-        return [] if self.finished else [self._messages.read_request(name) for name in self._asking.due(now)]
-
 
 class ParameterWrites(_ParameterRequests):
     """Some parameters set, each until the component reports the new value, or another one three times.
@@ -324,29 +413,19 @@ class ParameterWrites(_ParameterRequests):
     Attributes:
         confirmed: Those that the component reports with their new values.
         refused: Those that it refuses, or reports with another value, each with its reason.
+
+    Raises:
+        MisuseError: a value does not fit its type.
     """
 
     def __init__(
-        self,
-        messages: ParameterMessages,  # the component's messages
-        wanted: Sequence[Parameter],  # each with its value and type; a MisuseError if one does not fit
-        *,
-        now: float,  # the present time in seconds
-        timeout_s: float = 10.0,  # longest duration for all of them
-        again_s: float = 0.5,  # a silence after which one is sent again
-        window: int = 5,  # requests on the way at once
+        self, messages: ParameterMessages, wanted: Sequence[Parameter], *, now: float, timeout_s: float
     ) -> None:
         self._wanted: Mapping[str, Parameter] = {one.name: one for one in wanted}
-        super().__init__(messages, self._wanted, until_s=now + timeout_s, again_s=again_s, window=window)
+        requests: dict[_Key, m.Message] = {one.name: messages.set_request(one) for one in wanted}
+        super().__init__(messages, requests, until_s=now + timeout_s, window=5)
         self.confirmed: dict[str, Parameter] = {}
-        self._requests = {
-            one.name: messages.set_request(one.name, one.value, one.param_type) for one in self._wanted.values()
-        }
         self._differing: Counter[str] = Counter()
-
-    def counts(self) -> tuple[int, int | None]:
-        """Number of settled parameters, and of all."""
-        return len(self._wanted) - len(self._asking.left), len(self._wanted)
 
     def receive(self, received: m.Received, now: float) -> None:
         """Take a message; those about anything else have no effect."""
@@ -367,8 +446,3 @@ class ParameterWrites(_ParameterRequests):
                 return
             self.refused[heard.name] = f"stays {heard.parameter.value!r}"
         self._asking.answered(heard.name)
-
-    def messages_to_send(self, now: float) -> list[m.Message]:
-        """Messages due at ``now``."""
-        self._over = self._over or now >= self._until
-        return [] if self.finished else [self._requests[name] for name in self._asking.due(now)]

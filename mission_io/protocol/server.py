@@ -2,14 +2,14 @@
 
 import zlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from mission_io.autopilots.autopilot import Autopilot, home_item, stored_item
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.mission_lists import home_item, list_is_whole, refusal_of, stored_item
 from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
-from mission_io.protocol.admission import Incoming, list_is_whole, refusal_in_list, refusal_of
+from mission_io.model.items import ALL_MISSION_TYPES, Command, GeoPoint, MissionItem, MissionType
 from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
@@ -26,6 +26,50 @@ class ListChanged:
     items: tuple[MissionItem, ...]  # its items now, as on the wire (with home first where item 0 is home)
     # an upload was completed, one failed half-way (non-atomic autopilots), or the list was emptied
     reason: ChangeReason
+
+
+@dataclass(slots=True)
+class _Incoming:
+    """An upload in progress."""
+
+    station: Address  # who sends it
+    mission_type: MissionType  # the list
+    count: int  # how many items come
+    heard_at: float  # when the last one came
+    asked_at: float  # when the next one was last asked for
+    first: int = 0  # its first item's number; others than 0 where only a part of a list comes
+    base: tuple[MissionItem, ...] | None = None  # the list of which a part is written over; None for a whole list
+    items: list[MissionItem] = field(default_factory=list)  # those that have come
+
+    @property
+    def next_seq(self) -> int:
+        """The number of the next item."""
+        return self.first + len(self.items)
+
+    @property
+    def last(self) -> int:
+        """The number of the last item of the list that it makes; a fence does not grow by a part."""
+        held = len(self.base or ())
+        if self.base is not None and self.mission_type is MissionType.FENCE:
+            return held - 1
+        return max(held, self.first + self.count) - 1
+
+    def over(self, held: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
+        """The list of the received items."""
+        return (*held[: self.first], *self.items, *held[self.next_seq :])
+
+
+def _refusal_in_list(
+    message: m.MissionItemInt | m.MissionItemFloat, autopilot: Autopilot, incoming: _Incoming
+) -> MissionResult | None:
+    """The result with which ArduPilot refuses an item for its list; None when it accepts it.
+
+    Source: MissionItemProtocol_Waypoints::append_item and replace_item, MissionItemProtocol_Fence::append_item.
+    """
+    if incoming.mission_type is MissionType.FENCE and message.seq > incoming.last:
+        return MissionResult.INVALID_SEQUENCE
+    jumps = autopilot.refuses_bad_numbers and message.command == Command.DO_JUMP
+    return MissionResult.ERROR if jumps and not 1 <= message.params[0] <= incoming.last else None
 
 
 class MissionServer:
@@ -57,7 +101,7 @@ class MissionServer:
         limit = autopilot.item_limit if capacity is None else capacity
         self.capacity = limit if limit is not None else 65535
         self._lists: dict[MissionType, tuple[MissionItem, ...]] = dict.fromkeys(MissionType, ())
-        self._incoming: Incoming | None = None
+        self._incoming: _Incoming | None = None
         self._ended: tuple[Address, MissionType, int] | None = None
         self._partner: Address | None = None  # who began the last transfer
         self._served: tuple[Address, int] | None = None  # whose download of which list is going on
@@ -71,7 +115,6 @@ class MissionServer:
         self._item: MissionItem | None = None
         self._in_floats = False
         self._refusal = MissionResult.ERROR
-        self._actions = {name: getattr(self, f"_{name}") for name in {row.action for row in SERVER_TABLE.rows} if name}
 
     def items(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
         """The vehicle's items, as on the wire."""
@@ -127,8 +170,13 @@ class MissionServer:
     def _step(self, event: ServerEvent, now: float) -> None:
         row = self.table.row(self.state, event)
         self.state = row.next_state
-        if row.action:
-            self._actions[row.action](now)
+        results = self._results_of(row.action)
+        if results is None:
+            getattr(self, f"_{row.action}")(now)
+            return
+        for result in results:
+            if result is not None:
+                self._answer(result)
 
     def _deadlines(self) -> list[tuple[float, ServerEvent]]:
         """Pending timed events, the nearest first."""
@@ -230,7 +278,7 @@ class MissionServer:
             return ServerEvent.ITEM_OTHER
         if message.seq != incoming.next_seq:
             return ServerEvent.ITEM_STRAY
-        refusal = refusal_of(message, self.autopilot) or refusal_in_list(message, self.autopilot, incoming)
+        refusal = refusal_of(message, self.autopilot) or _refusal_in_list(message, self.autopilot, incoming)
         if refusal is not None:
             self._refusal = refusal
             return ServerEvent.ITEM_BAD
@@ -254,7 +302,7 @@ class MissionServer:
         mission_type = MissionType(self._about)
         self._ended, self._partner = None, self._sender
         base = None if self._first is None else self._lists[mission_type]
-        self._incoming = Incoming(self._sender, mission_type, self._number, now, now, self._first or 0, base)
+        self._incoming = _Incoming(self._sender, mission_type, self._number, now, now, self._first or 0, base)
         if base is None and mission_type not in self.autopilot.atomic:
             self._lists[mission_type] = self._lists[mission_type][: self._number]
         self._ask(now)
@@ -338,49 +386,33 @@ class MissionServer:
             message = replace(message, frame=int(item.frame))
         self._outbox.append(float_message(message) if self._in_floats else message)
 
-    def _accept_again(self, now: float) -> None:
-        del now
-        self._answer(MissionResult.ACCEPTED)
-
-    def _refuse(self, now: float) -> None:
-        del now
-        self._answer(self._refusal)
-
-    def _answer_error(self, now: float) -> None:
-        del now
-        self._answer(MissionResult.ERROR)
-
-    def _answer_busy(self, now: float) -> None:
-        del now
-        self._answer(self.autopilot.busy_result)
-
-    def _answer_busy_request(self, now: float) -> None:
-        del now
-        if self.autopilot.busy_request_result is not None:
-            self._answer(self.autopilot.busy_request_result)
-
-    def _answer_busy_clear(self, now: float) -> None:
-        del now
-        for result in self.autopilot.busy_clear_results:
-            self._answer(result)
-
-    def _answer_other_item(self, now: float) -> None:
-        if self._is_answered():
-            self._answer_busy(now)
-
-    def _answer_idle_item(self, now: float) -> None:
-        del now
-        if self.autopilot.idle_item_result is not None and self._is_answered():
-            self._answer(self.autopilot.idle_item_result)
-
-    def _is_answered(self) -> bool:
-        """Whether an unrequested item of the message's sender is answered."""
-        return self.autopilot.answers_strangers or self._sender == self._partner
-
-    def _answer_wrong_sequence(self, now: float) -> None:
-        del now
-        if self.autopilot.wrong_sequence_result is not None:
-            self._answer(self.autopilot.wrong_sequence_result)
+    def _results_of(self, action: str) -> tuple[MissionResult | None, ...] | None:
+        """The results of an action that only answers the message at hand; None for one that is a method."""
+        autopilot = self.autopilot
+        # whether an unrequested item of the message's sender is answered
+        is_answered = autopilot.answers_strangers or self._sender == self._partner
+        match action:
+            case "":
+                return ()
+            case "accept_again":
+                return (MissionResult.ACCEPTED,)
+            case "refuse":
+                return (self._refusal,)
+            case "answer_error":
+                return (MissionResult.ERROR,)
+            case "answer_busy":
+                return (autopilot.busy_result,)
+            case "answer_busy_request":
+                return (autopilot.busy_request_result,)
+            case "answer_busy_clear":
+                return autopilot.busy_clear_results
+            case "answer_other_item":
+                return (autopilot.busy_result if is_answered else None,)
+            case "answer_idle_item":
+                return (autopilot.idle_item_result if is_answered else None,)
+            case "answer_wrong_sequence":
+                return (autopilot.wrong_sequence_result,)
+        return None
 
     def _answer(self, result: MissionResult) -> None:
         self._send_ack(self._sender, result, self._about)
@@ -397,7 +429,7 @@ class MissionServer:
     def _changed(self, mission_type: MissionType, reason: ChangeReason) -> None:
         self._events.append(ListChanged(mission_type, self.items(mission_type), reason))
 
-    def _upload(self) -> Incoming:
+    def _upload(self) -> _Incoming:
         if self._incoming is None:
             raise MissingRowError("an upload's action while no upload is active")
         return self._incoming

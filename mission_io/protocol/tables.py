@@ -49,10 +49,9 @@ class Table(Generic[StateT, EventT]):
         return state not in self._states
 
 
-def staying(states: Iterable[StateT], events: Iterable[EventT]) -> list[Row[StateT, EventT]]:
-    """Rows for events that change nothing in these states."""
-    events = tuple(events)
-    return [Row(state, event, state) for state in states for event in events]
+def staying(state: StateT, *events: EventT) -> list[Row[StateT, EventT]]:
+    """Rows for events that change nothing in a state."""
+    return [Row(state, event, state) for event in events]
 
 
 def mermaid(table: Table[StateT, EventT], start: StateT) -> str:
@@ -124,7 +123,7 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
         Row(_VehicleState.IDLE, _VehicleEvent.REQUEST, _VehicleState.IDLE, "send_item"),
         Row(_VehicleState.IDLE, _VehicleEvent.REQUEST_UNKNOWN, _VehicleState.IDLE, "answer_error"),
         Row(_VehicleState.IDLE, _VehicleEvent.CLEAR, _VehicleState.IDLE, "clear"),
-        *staying([_VehicleState.IDLE], [_VehicleEvent.REQUEST_UNHEARD, _VehicleEvent.ACK, _VehicleEvent.ACK_CANCEL]),
+        *staying(_VehicleState.IDLE, _VehicleEvent.REQUEST_UNHEARD, _VehicleEvent.ACK, _VehicleEvent.ACK_CANCEL),
         #
         Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT, _VehicleState.RECEIVING, "begin"),
         Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_ZERO, _VehicleState.IDLE, "empty"),
@@ -145,7 +144,7 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
         Row(_VehicleState.RECEIVING, _VehicleEvent.ACK_CANCEL, _VehicleState.IDLE, "abandon"),
         Row(_VehicleState.RECEIVING, _VehicleEvent.REREQUEST, _VehicleState.RECEIVING, "ask"),
         Row(_VehicleState.RECEIVING, _VehicleEvent.GIVE_UP, _VehicleState.IDLE, "give_up"),
-        *staying([_VehicleState.RECEIVING], [_VehicleEvent.ACK]),
+        *staying(_VehicleState.RECEIVING, _VehicleEvent.ACK),
         #
         Row(_VehicleState.SENDING, _VehicleEvent.COUNT, _VehicleState.SENDING, "answer_busy"),
         Row(_VehicleState.SENDING, _VehicleEvent.COUNT_ZERO, _VehicleState.SENDING, "answer_busy"),
@@ -159,7 +158,7 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
         Row(_VehicleState.SENDING, _VehicleEvent.ACK, _VehicleState.IDLE),
         Row(_VehicleState.SENDING, _VehicleEvent.ACK_CANCEL, _VehicleState.IDLE),
         Row(_VehicleState.SENDING, _VehicleEvent.DOWNLOAD_OVER, _VehicleState.IDLE),
-        *staying([_VehicleState.SENDING], [_VehicleEvent.REQUEST_UNHEARD, _VehicleEvent.LIST_OTHER]),
+        *staying(_VehicleState.SENDING, _VehicleEvent.REQUEST_UNHEARD, _VehicleEvent.LIST_OTHER),
     ]
 )
 """Every transition of the vehicle's side."""
@@ -241,7 +240,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.ANNOUNCED, _E.GIVE_UP, _S.SILENT),
         Row(_S.ANNOUNCED, _E.ACK_EARLY, _S.ACCEPTED_EARLY, "send_cancel"),
         # Leftovers of an earlier transfer: its acknowledgement, its requests, the vehicle giving it up.
-        *staying([_S.ANNOUNCED], [_E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED]),
+        *staying(_S.ANNOUNCED, _E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED),
         #
         Row(_S.SERVING, _E.REQUEST, _S.SERVING, "send_items"),
         Row(_S.SERVING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
@@ -256,7 +255,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.SERVING, _E.STALL, _S.ANNOUNCED, "begin_anew"),
         # It may belong to an earlier transfer; then this one goes on.
         Row(_S.SERVING, _E.ACK_ACCEPTED, _S.ACKED_EARLY),
-        *staying([_S.SERVING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE]),
+        *staying(_S.SERVING, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE),
         #
         Row(_S.ACKED_EARLY, _E.REQUEST, _S.SERVING, "send_items"),
         Row(_S.ACKED_EARLY, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
@@ -269,7 +268,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.ACKED_EARLY, _E.RESEND, _S.ACKED_EARLY, "resend_items"),
         Row(_S.ACKED_EARLY, _E.RESEND_LAST, _S.ACKED_EARLY, "resend_items"),
         Row(_S.ACKED_EARLY, _E.DOUBT_OVER, _S.ACCEPTED_EARLY, "send_cancel"),
-        *staying([_S.ACKED_EARLY], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR]),
+        *staying(_S.ACKED_EARLY, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR),
         #
         Row(_S.CONFIRMING, _E.REQUEST, _S.CONFIRMING, "send_items"),
         Row(_S.CONFIRMING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
@@ -283,7 +282,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.CONFIRMING, _E.RESEND, _S.CONFIRMING, "resend_items"),
         Row(_S.CONFIRMING, _E.RESEND_LAST, _S.CONFIRMING, "resend_items"),
         Row(_S.CONFIRMING, _E.STALL, _S.UNCONFIRMED),
-        *staying([_S.CONFIRMING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE]),
+        *staying(_S.CONFIRMING, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE),
         #
         Row(_S.RECHECKING, _E.REQUEST, _S.CONFIRMING, "send_items"),
         Row(_S.RECHECKING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
@@ -294,7 +293,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.RECHECKING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
         Row(_S.RECHECKING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         Row(_S.RECHECKING, _E.DOUBT_OVER, _S.UNCONFIRMED),
-        *staying([_S.RECHECKING], [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR]),
+        *staying(_S.RECHECKING, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR),
         #
         Row(_S.DOUBTING, _E.REQUEST, _S.SERVING, "send_items"),
         Row(_S.DOUBTING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
@@ -307,10 +306,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         # The vehicle may have given up, and the message that said so was lost.
         Row(_S.DOUBTING, _E.DOUBT_OVER, _S.ANNOUNCED, "restart"),
         Row(_S.DOUBTING, _E.DOUBT_CONFIRMED, _S.REFUSED),
-        *staying(
-            [_S.DOUBTING],
-            [_E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_ERROR],
-        ),
+        *staying(_S.DOUBTING, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_ERROR),
         #
         Row(_S.BACKING_OFF, _E.REQUEST, _S.SERVING, "send_items"),
         Row(_S.BACKING_OFF, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
@@ -319,16 +315,14 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         Row(_S.BACKING_OFF, _E.RETRY, _S.ANNOUNCED, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
         *staying(
-            [_S.BACKING_OFF],
-            [
-                _E.REQUEST_CROSSED,
-                _E.REQUEST_UNKNOWN,
-                _E.ACK_ACCEPTED,
-                _E.ACK_BUSY,
-                _E.ACK_SEQUENCE,
-                _E.ACK_ERROR,
-                _E.ACK_CANCELLED,
-            ],
+            _S.BACKING_OFF,
+            _E.REQUEST_CROSSED,
+            _E.REQUEST_UNKNOWN,
+            _E.ACK_ACCEPTED,
+            _E.ACK_BUSY,
+            _E.ACK_SEQUENCE,
+            _E.ACK_ERROR,
+            _E.ACK_CANCELLED,
         ),
         #
         *(Row(state, _E.NO_PROGRESS, _S.STUCK, "send_cancel") for state in _WITHOUT_AN_END),
@@ -339,7 +333,7 @@ UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
         ),
         *(Row(_S.CANCELLING, event, _S.CANCELLED) for event in _ALL_ACKS),
         Row(_S.CANCELLING, _E.LINGER_OVER, _S.CANCELLED),
-        *staying([_S.CANCELLING], [_E.CANCEL, _E.REQUEST_CROSSED]),
+        *staying(_S.CANCELLING, _E.CANCEL, _E.REQUEST_CROSSED),
     ]
 )
 """Every transition of an upload. A finished upload ignores everything."""

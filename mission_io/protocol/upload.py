@@ -14,7 +14,7 @@ from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem
 from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import UPLOAD_TABLE, UploadEvent, UploadState
-from mission_io.protocol.tuning import TRANSFERS
+from mission_io.protocol.timing import TRANSFERS
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import message_to_send
 

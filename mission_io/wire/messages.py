@@ -10,31 +10,9 @@ from typing import NamedTuple
 
 from mission_io.model.enums import MissionState, ModeFlag
 from mission_io.model.items import MissionType
-from mission_io.wire.telemetry_messages import LOG_DATA_BYTES as LOG_DATA_BYTES
-from mission_io.wire.telemetry_messages import PREARM_CHECK_BIT as PREARM_CHECK_BIT
+from mission_io.wire.telemetry_messages import *  # noqa: F403 - its messages are used under this module's name
 from mission_io.wire.telemetry_messages import Addressed as Addressed
-from mission_io.wire.telemetry_messages import BatteryStatus as BatteryStatus
-from mission_io.wire.telemetry_messages import CameraFeedback as CameraFeedback
-from mission_io.wire.telemetry_messages import CameraImageCaptured as CameraImageCaptured
-from mission_io.wire.telemetry_messages import EkfStatusReport as EkfStatusReport
-from mission_io.wire.telemetry_messages import Event as Event
-from mission_io.wire.telemetry_messages import FileTransfer as FileTransfer
-from mission_io.wire.telemetry_messages import GpsRawInt as GpsRawInt
-from mission_io.wire.telemetry_messages import LogData as LogData
-from mission_io.wire.telemetry_messages import LogEntry as LogEntry
-from mission_io.wire.telemetry_messages import LogRequestData as LogRequestData
-from mission_io.wire.telemetry_messages import LogRequestEnd as LogRequestEnd
-from mission_io.wire.telemetry_messages import LogRequestList as LogRequestList
 from mission_io.wire.telemetry_messages import Message as Message
-from mission_io.wire.telemetry_messages import RadioStatus as RadioStatus
-from mission_io.wire.telemetry_messages import RequestDataStream as RequestDataStream
-from mission_io.wire.telemetry_messages import SysStatus as SysStatus
-from mission_io.wire.telemetry_messages import SystemTime as SystemTime
-from mission_io.wire.telemetry_messages import TerrainData as TerrainData
-from mission_io.wire.telemetry_messages import TerrainReport as TerrainReport
-from mission_io.wire.telemetry_messages import TerrainRequest as TerrainRequest
-from mission_io.wire.telemetry_messages import TimeSync as TimeSync
-from mission_io.wire.telemetry_messages import VfrHud as VfrHud
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,12 +33,12 @@ from pymavlink import mavutil
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[2])
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.clock import Clock
-from mission_io.links.simulated import Conditions, SimulatedLink
+from mission_io.links.simulated import Conditions
 from mission_io.links.telemetry_log import TelemetryLogWriter
 from scripts.options import file_to_write
-from tests.disturbances import ALWAYS, GOOD, KINDS, Act
+from tests.disturbances import ALWAYS, GOOD, KINDS, Act, DisturbedLink
 from uavcover.flight.connect import Connected, fly, require_home
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions, custom_mode
@@ -124,7 +124,7 @@ class WitnessedLink:
     """
 
     def __init__(
-        self, link: SimulatedLink, vehicle: MockVehicle, log: TelemetryLogWriter, due: Sequence[tuple[float, Act]]
+        self, link: DisturbedLink, vehicle: MockVehicle, log: TelemetryLogWriter, due: Sequence[tuple[float, Act]]
     ) -> None:
         self._link, self._vehicle, self._log = link, vehicle, log
         self._due = sorted(due, key=lambda one: one[0])
@@ -232,7 +232,7 @@ def measure(site: Site, run: RunFolder, flight: int, seed: int, tlogs: Path) -> 
         "FS_GCS_ENABLE" if autopilot == "ardupilot" else "NAV_DLL_ACT", (1.0, 2.0)[autopilot == "px4"] * failsafe
     )
     loss = float(rng.choice([0.0, 0.05]))
-    link = SimulatedLink(InMemoryPeer(vehicle), rng=Random(flight), conditions=Conditions(loss=loss))
+    link = DisturbedLink(InMemoryPeer(vehicle), rng=Random(flight), conditions=Conditions(loss=loss))
     tlog = tlogs / f"flight-{flight:03d}.tlog"
     compiled = compile_plan(site, read_planned(run)[1].route, autopilot=autopilot)
     with TelemetryLogWriter(tlog, clock=_LinkTime(link.clock), flush_clock=link.clock) as log:

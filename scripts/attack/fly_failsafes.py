@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.client.commands import mode_params
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command

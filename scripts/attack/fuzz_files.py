@@ -5,26 +5,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mission_io.errors import FormatError
-from mission_io.formats import csv, files, geojson, kml, plan, poly, wpl
-from mission_io.formats.drawings import DrawnArea, fence_from_areas
-from mission_io.formats.mission_dat import read_mission_dat, write_mission_dat
-from mission_io.formats.text import MissionFile, text_from_bytes
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.diff import apply_diff, diff
-from mission_io.model.items import (
-    Frame,
+from mission_io import (
+    Fence,
+    FencePolygon,
+    FramedPoint,
     GeoPoint,
+    LatLon,
     Mission,
     MissionItem,
     MissionType,
-    change_speed,
-    land,
-    same_item,
-    takeoff,
-    trigger_camera_every,
-    waypoint,
+    RallyPoints,
 )
+from mission_io.errors import FormatError
+from mission_io.formats import csv_tables, drawings, files, map_xml, plan, wpl
+from mission_io.formats.text import MissionFile, text_from_bytes
+from mission_io.model.diff import apply_diff, diff
+from mission_io.model.items import Frame, change_speed, land, same_item, takeoff, trigger_camera_every, waypoint
+from mission_io.wire.mission_items import read_mission_dat, write_mission_dat
 
 LONGEST_ERROR = 500
 
@@ -98,16 +95,17 @@ def try_plan(text: str) -> None:
 
 def try_csv(text: str) -> None:
     """A CSV file."""
-    read = csv.read_mission(text)
-    written = csv.write_mission(read.mission)
-    check(csv.read_mission(written) == MissionFile(read.mission), "what was read survives writing")
+    read = csv_tables.read_csv(text)
+    written = csv_tables.write_csv(read.mission)
+    check(csv_tables.read_csv(written) == MissionFile(read.mission), "what was read survives writing")
 
 
 def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
     """A file of areas."""
 
     def attempt(text: str) -> None:
-        fence = fence_from_areas(read_drawing(text).areas)
+        rings = [ring for area in read_drawing(text).areas for ring in (area.exterior, *area.holes)]
+        fence = Fence(tuple(map(FencePolygon, rings)))
         written = wpl.write_fence(fence, GeoPoint(1.0, 2.0, 3.0))
         check(len(wpl.read(written).fence().polygons) == len(fence.polygons), "areas survive as a fence")
 
@@ -116,14 +114,14 @@ def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
 
 def try_poly(text: str) -> None:
     """A ``.poly`` file."""
-    written = poly.write_area(poly.read_area(text).area)
-    check(poly.write_area(poly.read_area(written).area) == written, "writing is stable")
+    written = drawings.write_area_list(drawings.read_area_list(text).areas[0])
+    check(drawings.write_area_list(drawings.read_area_list(written).areas[0]) == written, "writing is stable")
 
 
 def try_fen(text: str) -> None:
     """A ``.fen`` file."""
-    written = poly.write_fence(poly.read_fence(text).fence)
-    check(poly.write_fence(poly.read_fence(written).fence) == written, "writing is stable")
+    written = drawings.write_fence_list(drawings.read_fence_list(text).fence)
+    check(drawings.write_fence_list(drawings.read_fence_list(written).fence) == written, "writing is stable")
 
 
 def try_old(text: str) -> None:
@@ -142,7 +140,7 @@ def try_old(text: str) -> None:
 
 def try_rally(text: str) -> None:
     """MAVProxy's old rally points."""
-    rally = poly.read_rally(text).rally
+    rally = drawings.read_rally_list(text).rally
     check(len(wpl.read(wpl.write_rally(rally, None)).rally().points) == len(rally.points), "the points survive")
 
 
@@ -234,16 +232,16 @@ def _seeds() -> dict[str, list[str]]:
         "wpl": [wpl.write_mission(mission), wpl.write_fence(fence, home), wpl.write_mission(mission).replace("110", "120"),
                 wpl.write_fence(fence, None), odd],
         "plan": [whole, json.dumps(document), old_parts],
-        "csv": [csv.write_mission(mission)],
-        "kml": [kml.write_mission(Mission(home, mission.items[:3])), f"<kml><Placemark><name>a</name>{polygon}</Placemark></kml>",
+        "csv": [csv_tables.write_csv(mission)],
+        "kml": [map_xml.write_kml(Mission(home, mission.items[:3])), f"<kml><Placemark><name>a</name>{polygon}</Placemark></kml>",
                 f"<kml><MultiGeometry>{linear}<Point><coordinates>1,2</coordinates></Point></MultiGeometry></kml>"],
         "geojson": [json.dumps({"type": "FeatureCollection", "features": [feature]}),
                     json.dumps({"type": "GeometryCollection", "geometries": [shape, {"type": "Point", "coordinates": [1, 2]}]})],
-        "poly": [poly.write_area(DrawnArea(ring))],
-        "fen": [poly.write_fence(fence)],
+        "poly": [drawings.write_area_list(drawings.DrawnArea(ring))],
+        "fen": [drawings.write_fence_list(fence)],
         "old": old,
         "rally": [rally_text],
-        "file": [whole, wpl.write_fence(fence, None), rally_text, poly.write_fence(fence), *old],
+        "file": [whole, wpl.write_fence(fence, None), rally_text, drawings.write_fence_list(fence), *old],
         "mission_dat": [dat.decode("latin-1") for dat in dats],
     }  # fmt: skip
 
@@ -255,8 +253,8 @@ def targets() -> dict[str, Target]:
         "wpl": try_wpl,
         "plan": try_plan,
         "csv": try_csv,
-        "kml": try_drawing(kml.read_drawing),
-        "geojson": try_drawing(geojson.read_drawing),
+        "kml": try_drawing(map_xml.read_kml_drawing),
+        "geojson": try_drawing(drawings.read_geojson),
         "poly": try_poly,
         "fen": try_fen,
         "old": try_old,

@@ -11,7 +11,7 @@ from pathlib import Path
 from PIL import Image
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv, gpx, kml, litchi, wpml
+from mission_io.formats import csv_tables, litchi, map_xml, wpml
 from mission_io.formats.point_route import PointRoute
 from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.ftp import FtpMessage
@@ -36,8 +36,8 @@ def try_route(read_route: Callable[[str], PointRoute]) -> Callable[[str], None]:
         read = read_route(text)
         items = read.mission.items
         check(all(items[number - 1].command == 16 for number in read.numbers), "every point is a waypoint")
-        written = csv.write_mission(Mission(GeoPoint(1.0, 2.0, 3.0), items))
-        check(csv.read_mission(written).mission.items == items, "the route survives as a table")
+        written = csv_tables.write_csv(Mission(GeoPoint(1.0, 2.0, 3.0), items))
+        check(csv_tables.read_csv(written).mission.items == items, "the route survives as a table")
 
     return attempt
 
@@ -103,8 +103,8 @@ def _route_targets() -> dict[str, Target]:
     """By name, of routes and zones."""
     good = {**_route_seeds(), **_zone_seeds()}
     readers = {
-        "gpx": try_route(gpx.read_route),
-        "kml_route": try_route(kml.read_route),
+        "gpx": try_route(map_xml.read_gpx_route),
+        "kml_route": try_route(map_xml.read_kml_route),
         "wpml": try_route(wpml.read_route),
         "litchi": try_route(litchi.read_route),
         "openair": try_zones(".txt"),

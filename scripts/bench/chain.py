@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import PX4, wire_items
+from mission_io import PX4, wire_items
 from mission_io.client.client import Client
 from mission_io.links.opening import open_link
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoint

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import require
 from sitl_tests.flying import fly_mission, require_at_home

@@ -1,6 +1,6 @@
 """Who the vehicle is and whom we believe: foreign types, a companion that lies, a disarm that another station forces."""
 
-from mission_io.autopilots.autopilot import mission_from_wire, wire_items
+from mission_io.autopilots.mission_lists import mission_from_wire, wire_items
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command, MissionType
 from mission_io.wire import messages as m

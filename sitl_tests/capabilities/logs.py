@@ -2,7 +2,7 @@
 
 import hashlib
 
-from mission_io.client.flight_logs import download_flight_log, list_flight_logs
+from mission_io.client.files import FlightLogDownloads, list_flight_logs
 from sitl_tests.case import Case, Finding, Stopwatch
 from sitl_tests.errors import require
 from sitl_tests.flying import take_off, wait_until_landed
@@ -27,7 +27,7 @@ def log_download(case: Case) -> Finding:
             return Finding("none", "the vehicle says that it has no logs")
         latest = max(entries, key=lambda entry: entry.log_id)
         watch = Stopwatch()
-        content = download_flight_log(station.client, latest)
+        content = FlightLogDownloads(station.client).download(latest)
         took_s = watch.elapsed_s
     files = {sha256(path): path.name for path in case.vehicle.log_files()}
     name = files.get(hashlib.sha256(content).hexdigest())

@@ -1,7 +1,7 @@
 """Missions that are wrong: what the vehicle does with them, and what it holds afterwards."""
 
-from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.errors import MisuseError, TransferError
 from mission_io.model.items import Frame, Mission, MissionItem, MissionType, waypoint
 from sitl_tests.case import Case, Finding

@@ -4,13 +4,12 @@ import json
 from dataclasses import replace
 from math import nan
 
-from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.autopilot import Mode
 from mission_io.autopilots.comparison import compare_items
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.formats import plan, wpl
-from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import Command, Frame, Mission, MissionItem, MissionType
+from mission_io.model.items import Command, Fence, Frame, Mission, MissionItem, MissionType, RallyPoints
 from mission_io.wire import messages as m
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import CheckFailedError, require

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.mission_lists import MissionList, items_of, mission_type_of
 from mission_io.client.files import FileUploads
-from mission_io.client.part_upload import upload_part
+from mission_io.client.lists import upload_part
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Mission

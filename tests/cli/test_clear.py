@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from mission_io.client.client import Client
-from mission_io.links.opening import UdpLink
+from mission_io.links.udp import UdpLink
 from mission_io.model.enums import ModeFlag
 from mission_io.model.items import MissionType
 from tests.cli.conftest import Cli, mock_vehicle

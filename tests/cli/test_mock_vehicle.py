@@ -8,7 +8,7 @@ import pytest
 
 from mission_io.client.client import Client
 from mission_io.links.opening import open_link
-from mission_io.wire.messages import SysStatus
+from mission_io.wire.telemetry_messages import SysStatus
 from tests.cli.conftest import WATCHDOG_S, Cli, mock_vehicle, started, wait_for_line
 from uavcover.mock.faults import FaultKind
 

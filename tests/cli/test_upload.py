@@ -10,10 +10,21 @@ from pathlib import Path
 import pytest
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.formats import csv, plan, poly, wpl
-from mission_io.links.opening import UdpLink
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Frame, GeoPoint, Mission, waypoint
+from mission_io.formats import plan, wpl
+from mission_io.formats.csv_tables import write_csv
+from mission_io.formats.drawings import write_fence_list
+from mission_io.links.udp import UdpLink
+from mission_io.model.items import (
+    Fence,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    GeoPoint,
+    LatLon,
+    Mission,
+    RallyPoints,
+    waypoint,
+)
 from tests.cli.conftest import WATCHDOG_S, Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
 from tests.mission_io.real_vehicle import flying_on
@@ -83,12 +94,12 @@ FENCE = Fence((FencePolygon((LatLon(46.4, -7.4), LatLon(46.6, -7.4), LatLon(46.6
 @pytest.mark.parametrize(
     ("name", "text", "kind", "count"),
     [
-        ("route.csv", csv.write_mission(ROUTE), "mission", 4),
+        ("route.csv", write_csv(ROUTE), "mission", 4),
         ("route.plan", plan.write(plan.PlanFile(ROUTE, Fence(), RallyPoints(), mav_autopilot=3)), "mission", 4),
         ("route.txt", wpl.write_mission(ROUTE), "mission", 4),
         (
             "field.fen",
-            poly.write_fence(replace(FENCE, return_point=FramedPoint(46.5, -7.3, 0.0, Frame.ABOVE_HOME))),
+            write_fence_list(replace(FENCE, return_point=FramedPoint(46.5, -7.3, 0.0, Frame.ABOVE_HOME))),
             "fence",
             4,
         ),
@@ -118,7 +129,7 @@ def _swapped(mission: Mission) -> Mission:
 WRITERS: dict[str, Callable[[Mission], str]] = {
     "waypoints": wpl.write_mission,
     "plan": lambda mission: plan.write(plan.PlanFile(mission, Fence(), RallyPoints(), mav_autopilot=3)),
-    "csv": csv.write_mission,
+    "csv": write_csv,
 }
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, parse_type
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.model.enums import parse_type
 from mission_io.model.items import GeoPoint, MissionType
 from tests.cli.conftest import Cli
 from uavcover.flight.connect import require_home

@@ -9,8 +9,9 @@ import numpy as np
 
 from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot
 from mission_io.client.client import Client
-from mission_io.links.simulated import Conditions, SimulatedLink
+from mission_io.links.simulated import Conditions
 from mission_io.model.items import Frame, GeoPoint, Mission, change_speed, land, takeoff, waypoint
+from tests.disturbances import DisturbedLink
 from uavcover.flight.fly import fly
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.orders import FlightPlan, OnBreach, Orders, Precautions
@@ -77,7 +78,7 @@ class Scene:
     vehicle: MockVehicle
     client: Client
     monitor: Monitor
-    link: SimulatedLink
+    link: DisturbedLink
     peer: InMemoryPeer
     samples: list[TrackSample] = field(default_factory=list)
     events: list[FlightEvent] = field(default_factory=list)
@@ -134,7 +135,7 @@ def make_scene(
 ) -> Scene:
     vehicle = mock_vehicle(autopilot, home, speed=speed, rng=np.random.default_rng(seed), **options)
     peer = InMemoryPeer(vehicle, speed=speed) if make_peer is None else make_peer(vehicle, speed)
-    link = SimulatedLink(
+    link = DisturbedLink(
         peer, rng=Random(seed), conditions=conditions if conditions is not None else Conditions(delay_s=0.002)
     )
     client, monitor = open_vehicle(link)

@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Command
 from mission_io.wire import messages as m

@@ -5,8 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.model.areas import items_from_fence
-from mission_io.model.items import Frame, MissionType, land, waypoint
+from mission_io.model.items import Frame, MissionType, items_from_fence, land, waypoint
 from tests.flight.scene import HOME, Scene, above_home, presses
 from tests.flight.test_limits import the_plan
 from tests.flight.test_preconditions import BOTH, home_at, scene_of, second_station, square

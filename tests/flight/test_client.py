@@ -8,15 +8,14 @@ from pymavlink import mavutil
 from mission_io.autopilots.autopilot import (
     ARDUPILOT,
     PX4,
-    VEHICLE_TYPES,
+    Mode,
     VehicleKind,
     autopilot_for,
+    has_mode,
     kind_of,
-    parse_type,
-    type_name,
+    mode_from_custom,
 )
-from mission_io.autopilots.flight_modes import Mode, has_mode, mode_from_custom
-from mission_io.model.enums import CommandResult
+from mission_io.model.enums import VEHICLE_TYPES, CommandResult, parse_type, type_name
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from tests.flight.scene import make_scene, mission

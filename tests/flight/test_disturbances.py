@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
 from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, PlanNeeds, Precautions
 from uavcover.kernels.flight_time import Pace

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, Mode
 from tests.flight.scene import Scene, make_scene, mission
 from uavcover.flight.orders import FlightTimeouts
 from uavcover.mock.dynamics import BatteryData

@@ -4,8 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.links.simulated import Conditions
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, land, return_to_launch, takeoff, waypoint

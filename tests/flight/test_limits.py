@@ -14,7 +14,7 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.errors import VehicleSilentError
-from mission_io.model.areas import FramedPoint
+from mission_io.model.items import FramedPoint
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, make_scene, mission, plan_for
 from tests.missions.compiled_routes import compiled, route

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, Mode
 from mission_io.wire import messages as m
 from uavcover.flight.flight_log import LiveLine
 from uavcover.flight.orders import custom_mode

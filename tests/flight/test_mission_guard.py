@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.errors import TransferError
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Command, Mission, MissionType

@@ -4,10 +4,17 @@ import dataclasses
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Command, Mission, trigger_camera_every
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FencePolygon,
+    FramedPoint,
+    LatLon,
+    Mission,
+    RallyPoints,
+    trigger_camera_every,
+)
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, Scene, above_home, make_scene, mission
 from tests.flight.test_limits import the_plan

@@ -13,8 +13,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.enums import CommandResult
 from tests.flight.scene import Scene, make_scene, mission, plan_for, presses, way_home

@@ -2,8 +2,7 @@
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Mission
 from tests.flight.scene import HOME, Scene, make_scene, mission, presses, way_home

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire import messages as m

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT
-from mission_io.autopilots.terrain_grid import place_in_block, wrapped_deg
 from mission_io.client.client import answer_terrain_requests
 from mission_io.model.items import Command, Frame, Mission
-from mission_io.protocol.terrain import TerrainAnswers
-from mission_io.wire.messages import TerrainRequest
+from mission_io.protocol.terrain import TerrainAnswers, place_in_block, wrapped_deg
+from mission_io.wire.telemetry_messages import TerrainRequest
 from tests.flight.scene import HOME, make_scene, mission
 from uavcover.errors import InputError
 from uavcover.flight.vehicle_terrain import heights_of_files, heights_of_site, write_terrain_files

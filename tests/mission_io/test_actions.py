@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from mission_io.model import actions as a
-from mission_io.model.areas import FramedPoint
-from mission_io.model.items import Command, Frame, MissionItem, SpeedType, same_item
+from mission_io.model.items import Command, Frame, FramedPoint, MissionItem, SpeedType, same_item
 from tests.mission_io.formats.samples import COMMANDS, ITEMS, LATITUDES, LONGITUDES
 
 PLACE = FramedPoint(33.2191234, -98.1240001, 60.25, Frame.ABOVE_TERRAIN)

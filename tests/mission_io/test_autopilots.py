@@ -3,17 +3,9 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots.autopilot import (
-    ARDUPILOT,
-    PX4,
-    Autopilot,
-    autopilot_for,
-    mission_from_wire,
-    stored_item,
-    wire_items,
-)
-from mission_io.autopilots.checks import check_for_autopilot
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, autopilot_for
 from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.mission_lists import check_for_autopilot, mission_from_wire, stored_item, wire_items
 from mission_io.errors import FormatError, MisuseError
 from mission_io.model.items import (
     Command,

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, MissionList, wire_items
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.mission_lists import MissionList, wire_items
 from mission_io.client.client import Client
 from mission_io.errors import (
     FormatError,
@@ -17,13 +18,18 @@ from mission_io.errors import (
     VehicleSilentError,
 )
 from mission_io.links.simulated import Conditions
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.enums import MissionResult, ModeFlag
 from mission_io.model.items import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
     Frame,
+    FramedPoint,
     GeoPoint,
+    LatLon,
     Mission,
     MissionType,
+    RallyPoints,
     change_speed,
     land,
     return_to_launch,

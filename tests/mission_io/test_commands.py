@@ -115,12 +115,6 @@ def test_a_command_has_seven_parameters() -> None:
         connected(Obeys()).command(1, *[0.0] * 8)
 
 
-def test_a_command_with_a_position() -> None:
-    message = m.CommandInt(1, 1, 6, Command.DO_REPOSITION, (-1.0, 1.0, 0.0, 0.0), 465000000, -72500000, 30.0)
-    client = connected(Obeys())
-    assert commands.send_command_int(client, message, timeout_s=3.0).command == Command.DO_REPOSITION
-
-
 @pytest.mark.parametrize(("autopilot", "mode"), [(ARDUPILOT, 3), (PX4, 4 << 16 | 4 << 24)], ids=["ArduPilot", "PX4"])
 def test_a_mode_is_set_when_the_heartbeat_shows_it(autopilot: object, mode: int) -> None:
     peer = Obeys(autopilot)  # type: ignore[arg-type]

@@ -13,16 +13,18 @@ import pytest
 from pymavlink import mavwp
 from pymavlink.dialects.v20 import common as dialect
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, stored_item, wire_items
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.autopilots.comparison import SAME_PLACE_M, Meaning, compare_items, fault_text, faults, meaning_of
+from mission_io.autopilots.mission_lists import stored_item, wire_items
 from mission_io.formats import plan, wpl
 from mission_io.model.actions import PointGimbal, PointMount, item_of
-from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import (
+    Fence,
     Frame,
     GeoPoint,
     Mission,
     MissionItem,
+    RallyPoints,
     change_speed,
     delay,
     land,

@@ -1,5 +1,6 @@
 """docs/reference/mission_io.md and docs/explanation/mission_protocol.md: their examples run, and the diagrams are the tables'."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,11 @@ import pytest
 
 from mission_io import write_mission
 from mission_io.autopilots.autopilot import ARDUPILOT
-from mission_io.links.opening import UdpLink
-from mission_io.model.items import MissionType
+from mission_io.formats import wpl
+from mission_io.links.udp import UdpLink
+from mission_io.model.items import MissionType, fence_from_items
 from mission_io.protocol.diagrams import TABLES, main, with_diagrams
+from tests.mission_io.formats.test_plan_complex import LANDING, SURVEY, document
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.test_client import MISSION
 from tests.mission_io.vehicle import VehiclePeer
@@ -72,3 +75,37 @@ def test_the_protocol_page_s_example_makes_a_client() -> None:
     exec(compile(code, str(PROTOCOL), "exec"), names)
     client = names["client_to"](VehiclePeer(ARDUPILOT))
     assert client.wait_for_vehicle(60.0).system_id == 1
+
+
+DOCS = Path(__file__).parents[2] / "docs" / "reference"
+
+
+def examples(name: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (DOCS / name).read_text(), re.DOTALL)
+
+
+def run(code: str) -> None:
+    exec(compile(code, "example", "exec"), {})
+
+
+def test_a_plan_becomes_waypoints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = document(SURVEY, LANDING)
+    plan["geoFence"]["circles"] = [
+        {"inclusion": True, "version": 1, "circle": {"center": [33.2, -98.1], "radius": 900}}
+    ]
+    Path("survey.plan").write_bytes(json.dumps(plan).encode("utf-16"))
+    (code,) = examples("mission_formats.md")
+    run(code)
+    mission = wpl.read(Path("survey.waypoints").read_text())
+    assert [item.command for item in mission.items] == [22, 16, 206, 16, 189, 206, 2001, 2501, 31, 85]
+    assert fence_from_items(wpl.read(Path("survey_fence.waypoints").read_text()).items).circles[0].radius_m == 900.0
+    assert "row 1: 'any heading' is written as 0 (affected rows: 3)" in capsys.readouterr().out
+
+
+def test_the_examples_of_the_checks(capsys: pytest.CaptureFixture[str]) -> None:
+    (actions,) = examples("mission_checks.md")
+    run(actions)
+    assert "PointGimbal(pitch_deg=-90.0" in capsys.readouterr().out

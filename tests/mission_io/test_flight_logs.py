@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.client.flight_logs import FlightLogDownloads, download_flight_log, list_flight_logs
+from mission_io.client.files import FlightLogDownloads, list_flight_logs
 from mission_io.errors import TransferCancelledError, TransferSilentError, VehicleSilentError
 from mission_io.links.simulated import Conditions
-from mission_io.wire.messages import LogData, LogEntry, LogRequestData, LogRequestEnd, LogRequestList, Received
+from mission_io.wire.messages import Received
+from mission_io.wire.telemetry_messages import LogData, LogEntry, LogRequestData, LogRequestEnd, LogRequestList
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "vehicle_calls.md"
@@ -53,7 +54,7 @@ def test_every_byte_of_a_log_comes_across(loss: float) -> None:
     client = connected(peer, conditions=Conditions(loss=loss))
     told: list[tuple[int, int]] = []
     for entry in list_flight_logs(client):
-        content = download_flight_log(client, entry, progress=lambda done, total: told.append((done, total)))
+        content = FlightLogDownloads(client).download(entry, progress=lambda done, total: told.append((done, total)))
         assert content == LOGS[entry.log_id]
     assert (200_001, 200_001) in told
     assert told[-1] == (90, 90)
@@ -66,7 +67,7 @@ def test_a_vehicle_that_falls_silent_is_said_with_how_much_had_come() -> None:
     client = connected(peer)
     entry = list_flight_logs(client)[0]
     with pytest.raises(TransferSilentError, match=r"log 3: vehicle 1 stopped answering after 60030 of 200001 bytes"):
-        download_flight_log(client, entry, timeout_s=3.0)
+        FlightLogDownloads(client, silent_s=3.0).download(entry)
 
 
 def test_what_gave_up_goes_on_and_asks_for_nothing_twice() -> None:
@@ -91,7 +92,7 @@ def test_only_what_got_lost_is_asked_for_again(seed: int) -> None:
     peer = KeepsLogs()
     client = connected(peer, seed=seed, conditions=Conditions(loss=0.2, duplication=0.1, delay_s=0.01))
     entry = next(entry for entry in list_flight_logs(client, timeout_s=60.0) if entry.log_id == 3)
-    assert download_flight_log(client, entry) == LOGS[3]
+    assert FlightLogDownloads(client).download(entry) == LOGS[3]
     asked = [r.message for r in peer.heard if isinstance(r.message, LogRequestData)]
     assert sum(one.count for one in asked) < 1.8 * len(LOGS[3])
 
@@ -121,7 +122,7 @@ def test_bytes_of_strangers_and_short_pieces_are_not_taken() -> None:
 
     client = connected(Spoils())
     entry = list_flight_logs(client)[0]
-    assert download_flight_log(client, entry) == LOGS[3]
+    assert FlightLogDownloads(client).download(entry) == LOGS[3]
 
 
 def test_a_list_that_does_not_come_is_an_error() -> None:

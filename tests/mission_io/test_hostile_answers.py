@@ -11,7 +11,7 @@ import pytest
 
 from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
-from mission_io.client.flight_logs import download_flight_log, list_flight_logs
+from mission_io.client.files import FlightLogDownloads, list_flight_logs
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError, VehicleSilentError
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
@@ -69,7 +69,7 @@ CALLS: dict[str, Callable[[Client], object]] = {
     "read parameter": lambda client: client.read_parameter("WPNAV_SPEED", timeout_s=TIMEOUT_S),
     "set parameter": lambda client: client.set_parameter("WPNAV_SPEED", 500.0, timeout_s=TIMEOUT_S),
     "list logs": lambda client: list_flight_logs(client, timeout_s=TIMEOUT_S),
-    "log": lambda client: download_flight_log(client, LOG, timeout_s=TIMEOUT_S / 3.0),
+    "log": lambda client: FlightLogDownloads(client, silent_s=TIMEOUT_S / 3.0).download(LOG),
 }
 
 
@@ -121,7 +121,7 @@ def test_a_log_in_pieces_that_are_none_is_given_up(count: int, padded: tuple[int
                 ]
 
     with pytest.raises(TransferSilentError, match=f"stopped answering after {taken} of 50000 bytes"):
-        download_flight_log(connected(Pieces()), LOG, timeout_s=2.0)
+        FlightLogDownloads(connected(Pieces()), silent_s=2.0).download(LOG)
 
 
 UP = MissionItem(Command.NAV_WAYPOINT, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), 46.5, -7.5, 40.0)

@@ -3,22 +3,26 @@ import math
 
 import pytest
 
-from mission_io.autopilots.autopilot import PX4, items_of, mission_list_of, mission_type_of
+from mission_io.autopilots.autopilot import PX4
+from mission_io.autopilots.mission_lists import items_of, mission_list_of, mission_type_of
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError
 from mission_io.model import items as i
-from mission_io.model.areas import (
+from mission_io.model.items import (
+    Command,
     Fence,
     FenceCircle,
     FencePolygon,
+    Frame,
     FramedPoint,
     LatLon,
+    MissionItem,
+    MissionType,
     RallyPoints,
     fence_from_items,
     items_from_fence,
     items_from_rally,
     rally_from_items,
 )
-from mission_io.model.items import Command, Frame, MissionItem, MissionType
 
 TRIANGLE = FencePolygon((LatLon(46.0, -7.0), LatLon(46.5, -7.25), LatLon(46.75, -7.5)))
 SQUARE = FencePolygon((*TRIANGLE.vertices, LatLon(46.1, -7.6)), inclusion=False)

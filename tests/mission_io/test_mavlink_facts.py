@@ -9,29 +9,30 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots.autopilot import (
-    ARDUPILOT,
-    ARDUPILOT_PLANE,
-    ARDUPILOT_ROVER,
-    PX4,
-    Autopilot,
-    autopilot_for,
+from mission_io.autopilots.autopilot import ARDUPILOT, ARDUPILOT_PLANE, ARDUPILOT_ROVER, PX4, Autopilot, autopilot_for
+from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.mission_lists import (
+    check_for_autopilot,
+    fence_problems,
     mission_from_wire,
     stored_item,
     wire_items,
 )
-from mission_io.autopilots.checks import check_for_autopilot, fence_problems
-from mission_io.autopilots.comparison import compare_items
 from mission_io.formats import plan, wpl
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints, items_from_fence
 from mission_io.model.items import (
     Command,
+    Fence,
+    FencePolygon,
     Frame,
+    FramedPoint,
+    LatLon,
     Mission,
     MissionItem,
     MissionType,
+    RallyPoints,
     change_speed,
     delay,
+    items_from_fence,
     land,
     return_to_launch,
     takeoff,

@@ -6,12 +6,22 @@ from typing import Any
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.mission_lists import items_of
 from mission_io.client.client import Client
 from mission_io.errors import TransferCancelledError
-from mission_io.links.opening import UdpLink
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Frame, MissionItem, MissionType
+from mission_io.links.udp import UdpLink
+from mission_io.model.items import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    LatLon,
+    MissionItem,
+    MissionType,
+    RallyPoints,
+)
 from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.real_vehicle import flying_on

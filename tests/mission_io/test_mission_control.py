@@ -8,13 +8,11 @@ from random import Random
 import pytest
 
 from mission_io import AsyncClient, Client, CommandRefusedError, Mission, MissionType, VehicleSilentError
-from mission_io.autopilots.autopilot import ARDUPILOT, ARDUPILOT_PLANE, PX4, Autopilot
-from mission_io.autopilots.flight_modes import Mode, custom_mode
-from mission_io.client.mission_control import wait_for_mission
+from mission_io.autopilots.autopilot import ARDUPILOT, ARDUPILOT_PLANE, PX4, Autopilot, Mode, custom_mode
+from mission_io.client.mission_control import ItemProgress, wait_for_mission
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import Command, Frame, GeoPoint, land, takeoff, waypoint
-from mission_io.protocol.mission_control import ItemProgress
 from mission_io.wire import messages as m
 from tests.mission_io.vehicle import VehiclePeer, connected
 from uavcover.mock.ports import InMemoryPeer

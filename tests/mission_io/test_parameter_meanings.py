@@ -9,8 +9,7 @@ from pymavlink.dialects.v20 import common as dialect
 from mission_io.autopilots.comparison import Meaning, _meanings, has_no_place, meaning_of, number_for_nan
 from mission_io.errors import FormatError
 from mission_io.formats import plan, wpl
-from mission_io.model.areas import Fence, RallyPoints
-from mission_io.model.items import Frame, Mission, MissionItem
+from mission_io.model.items import Fence, Frame, Mission, MissionItem, RallyPoints
 from tests.mission_io.formats.samples import HOME
 
 NAN = math.nan

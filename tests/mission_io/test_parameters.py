@@ -6,17 +6,11 @@ from typing import ClassVar
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.client.parameters import VehicleParameters
+from mission_io.client.commands import VehicleParameters
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
 from mission_io.links.simulated import Conditions
-from mission_io.protocol.parameter_values import (
-    ParamType,
-    bytes_of_value,
-    float_of_value,
-    same_value,
-    value_of_bytes,
-    value_of_float,
-)
+from mission_io.model.enums import ParamType
+from mission_io.protocol.parameters import bytes_of_value, float_of_value, same_value, value_of_bytes, value_of_float
 from mission_io.wire import messages as m
 from tests.mission_io.vehicle import VehiclePeer, connected
 

@@ -5,7 +5,8 @@ import tracemalloc
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import (
     LINK_PRESETS,

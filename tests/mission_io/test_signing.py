@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as pymavlink
 
 from mission_io.errors import LinkError, MisuseError
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import Heartbeat, MissionItemReached, RadioStatus
+from mission_io.wire.messages import Heartbeat, MissionItemReached
 from mission_io.wire.signing import (
     EPOCH_UNIX_S,
     NEW_STREAM_TICKS,
@@ -21,6 +21,7 @@ from mission_io.wire.signing import (
     TimestampStore,
     UnsavedTimestamps,
 )
+from mission_io.wire.telemetry_messages import RadioStatus
 
 KEY = SigningKey.from_passphrase("correct horse")
 NOW_S = 1_790_000_000.0

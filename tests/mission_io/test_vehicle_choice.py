@@ -5,11 +5,11 @@ import random
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, VEHICLE_TYPES, VehicleKind, kind_of, parse_type, type_name
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.errors import AmbiguousVehicleError, MisuseError, VehicleSilentError
-from mission_io.model.enums import AutopilotId, VehicleClass
+from mission_io.model.enums import VEHICLE_TYPES, AutopilotId, VehicleClass, VehicleKind, kind_of, parse_type, type_name
 from mission_io.model.items import MissionType
-from mission_io.protocol.tuning import CALLS
+from mission_io.protocol.timing import CALLS
 from mission_io.wire import messages as m
 from tests.mission_io.test_peers import ITEMS, Bus, Station, Vehicle, client_on
 

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, command_read_back, stored_item
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.mission_lists import command_read_back, stored_item
 from mission_io.formats import plan, wpl
 from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, TriggerEvery, action_of
 from mission_io.model.items import Command

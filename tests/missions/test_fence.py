@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from mission_io.formats import plan as plan_format
-from mission_io.model.areas import fence_from_items, items_from_fence
+from mission_io.model.items import fence_from_items, items_from_fence
 from tests.missions.test_no_fly_transits import LEVEL, compiled
 from tests.planner.sites import make_site
 from tests.planner.test_no_fly import circle, ring

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterable
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, Mode
 from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType, takeoff, waypoint
 from mission_io.wire import messages as m

@@ -4,11 +4,9 @@ import struct
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon, items_from_fence
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.model.enums import CommandResult
-from mission_io.model.items import Command, MissionType
+from mission_io.model.items import Command, Fence, FenceCircle, FencePolygon, LatLon, MissionType, items_from_fence
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, above_home
 from tests.mock.bench import Bench, go, ready

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, Mode
 from mission_io.formats.wpl import write_mission
 from tests.flight.scene import HOME, mission
 from uavcover.mock.dynamics import BatteryData

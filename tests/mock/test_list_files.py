@@ -5,16 +5,30 @@ from random import Random
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, MissionList, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.autopilots.mission_lists import MissionList, items_of
 from mission_io.client.client import Client
 from mission_io.client.files import FileUploads
 from mission_io.errors import MisuseError, TransferError, TransferSilentError
-from mission_io.formats.mission_dat import dat_path, write_mission_dat
 from mission_io.links.simulated import Conditions, SimulatedLink
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Frame, Mission, MissionItem, MissionType, land, takeoff, waypoint
+from mission_io.model.items import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    LatLon,
+    Mission,
+    MissionItem,
+    MissionType,
+    RallyPoints,
+    land,
+    takeoff,
+    waypoint,
+)
 from mission_io.protocol.ftp import FtpMessage, FtpOperation
-from mission_io.wire.messages import FileTransfer
+from mission_io.wire.mission_items import dat_path, write_mission_dat
+from mission_io.wire.telemetry_messages import FileTransfer
 from tests.flight.scene import HOME, mock_vehicle
 from tests.mission_io.vehicle import VehiclePeer
 from tests.mission_io.vehicle import connected as vehicle_client

@@ -4,11 +4,18 @@ import math
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT
-from mission_io.autopilots.flight_modes import Mode
-from mission_io.model.areas import Fence, FencePolygon, LatLon, items_from_fence
+from mission_io.autopilots.autopilot import ARDUPILOT, Mode
 from mission_io.model.enums import CommandResult, EkfFlag, MissionResult
-from mission_io.model.items import Command, Frame, MissionItem, MissionType
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FencePolygon,
+    Frame,
+    LatLon,
+    MissionItem,
+    MissionType,
+    items_from_fence,
+)
 from mission_io.protocol.terrain import TerrainAnswers
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, above_home

@@ -7,8 +7,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import PX4, Mode
 from mission_io.client.client import Client
 from mission_io.errors import MissionIoError
 from mission_io.links.simulated import Conditions, SimulatedLink

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
 from mission_io.model.enums import CommandResult, EkfFlag, LandedState, MissionResult, MissionState
 from mission_io.model.items import Command, Frame, GeoPoint, delay, land, takeoff, waypoint
 from mission_io.wire import messages as m

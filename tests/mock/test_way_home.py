@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, Mode
 from mission_io.wire import messages as m
 from sitl_tests.compared_returns import compare
 from sitl_tests.returns import HOME, FailsafeCase, fly_on_mock, make_case, make_way_case

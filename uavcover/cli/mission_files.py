@@ -4,13 +4,20 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mission_io.autopilots.autopilot import MissionList
+from mission_io.autopilots.mission_lists import MissionList
 from mission_io.client.client import Client
 from mission_io.errors import MissionIoError
 from mission_io.formats import plan, wpl
 from mission_io.formats.files import DRAWING_SUFFIXES, EVERY_LIST, ONLY_LIST, read_file
-from mission_io.model.areas import Fence, RallyPoints, items_from_fence, items_from_rally
-from mission_io.model.items import GeoPoint, Mission, MissionType
+from mission_io.model.items import (
+    Fence,
+    GeoPoint,
+    Mission,
+    MissionType,
+    RallyPoints,
+    items_from_fence,
+    items_from_rally,
+)
 from mission_io.wire.messages import HomePosition
 from uavcover.cli.console import Console
 from uavcover.errors import InputError, OutputError

@@ -44,7 +44,7 @@ class Imitated:
         Raises:
             InputError: a type, a place or a scenario that cannot be used.
         """
-        from mission_io.autopilots.autopilot import parse_type
+        from mission_io.model.enums import parse_type
         from uavcover.errors import InputError
         from uavcover.flight.connect import home_of
         from uavcover.mock.behaviour import Settings

@@ -12,7 +12,7 @@ from uavcover.cli import options
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mission_io.autopilots.autopilot import MissionList
+    from mission_io.autopilots.mission_lists import MissionList
     from mission_io.client.client import Client
     from mission_io.client.transfer_outcome import ReadBack
     from uavcover.cli.console import Console

@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.autopilot import Mode
 from mission_io.autopilots.comparison import compare_items, fault_text
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.errors import CommandRefusedError
 from mission_io.model.enums import CommandResult, GpsFix
 from mission_io.model.items import Command, GeoPoint, MissionType

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.client.client import Client
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
 from mission_io.wire import messages as m

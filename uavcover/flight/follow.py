@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.errors import MissionIoError
 from mission_io.model.items import Command, Frame, Mission
 from mission_io.wire import messages as m

@@ -6,7 +6,7 @@ Nothing is commanded before current evidence shows that the vehicle does what wa
 import math
 from collections.abc import Callable, Collection
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.wire import messages as m
 from uavcover.flight.arming import send_disarm

@@ -14,7 +14,7 @@ import numpy as np
 from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.items import Command, Frame
 from mission_io.model.plain_text import counted
-from mission_io.protocol.parameter_values import float_of_value, is_whole, value_of_float
+from mission_io.protocol.parameters import float_of_value, is_whole, value_of_float
 from mission_io.wire import messages as m
 from mission_io.wire.messages import ParamRequestRead, ParamValue
 from uavcover.flight.orders import FlightPlan, Precautions

@@ -6,9 +6,9 @@ The mission is read back while it is flown, without disturbing the flight.
 import math
 from collections.abc import Callable, Collection, Sequence
 
-from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.autopilot import Mode
 from mission_io.autopilots.comparison import compare_items, fault_text
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.errors import FormatError, MissionIoError, TransferCancelledError
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted

@@ -11,7 +11,8 @@ from itertools import pairwise
 from typing import TypeVar
 
 from mission_io.client.client import Client
-from mission_io.links.opening import Link, open_link
+from mission_io.links.base import Link
+from mission_io.links.opening import open_link
 from mission_io.model.enums import MissionResult, MissionState
 from mission_io.model.items import MissionType
 from mission_io.protocol.timing import Timing

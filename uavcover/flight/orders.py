@@ -12,15 +12,13 @@ from functools import cache
 
 import numpy as np
 
-from mission_io.autopilots import flight_modes
-from mission_io.autopilots.autopilot import Autopilot, VehicleKind, type_name
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Autopilot, Mode
+from mission_io.autopilots.autopilot import custom_mode as number_of_mode
 from mission_io.client.client import Client
-from mission_io.client.connection import VehicleInfo
-from mission_io.client.peers import two_in_one
+from mission_io.client.peers import VehicleInfo, two_in_one
 from mission_io.data_tables import read_document
 from mission_io.errors import MisuseError, VehicleSilentError
-from mission_io.model.enums import AutopilotId, Firmware
+from mission_io.model.enums import AutopilotId, Firmware, VehicleKind, type_name
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from mission_io.wire import messages as m
 from uavcover.errors import InputError, VehicleError
@@ -334,7 +332,7 @@ def _a(noun: str) -> str:
 def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
     """The heartbeat's ``custom_mode`` of a mode. Raises VehicleError: such a vehicle has no such mode."""
     try:
-        return flight_modes.custom_mode(autopilot, mode)
+        return number_of_mode(autopilot, mode)
     except MisuseError as error:
         raise VehicleError(str(error)) from None
 

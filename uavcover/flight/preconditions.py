@@ -11,9 +11,8 @@ import shapely
 
 from mission_io.client.peers import two_in_one
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError
-from mission_io.model.areas import fence_from_items
 from mission_io.model.enums import LandedState
-from mission_io.model.items import Mission, MissionItem, MissionType
+from mission_io.model.items import Mission, MissionItem, MissionType, fence_from_items
 from mission_io.wire import messages as m
 from uavcover.flight.limits import limit_table, numbers
 from uavcover.flight.mission_guard import ListReading

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.autopilot import Mode
 from mission_io.autopilots.comparison import compare_items, fault_text
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.client.client import Client
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m

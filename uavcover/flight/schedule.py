@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mission_io.model.items import Command
-from mission_io.wire.messages import SysStatus
+from mission_io.wire.telemetry_messages import SysStatus
 from uavcover.errors import UavcoverError
 from uavcover.flight.orders import FlightPlan
 from uavcover.flight.progress import MissionProgress

@@ -4,8 +4,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from typing import TypeVar
 
-from mission_io.autopilots.autopilot import Autopilot
-from mission_io.autopilots.flight_modes import Mode, mode_from_custom
+from mission_io.autopilots.autopilot import Autopilot, Mode, mode_from_custom
 from mission_io.client.client import Client
 from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentError, WaitCancelledError
 from mission_io.model.enums import AutopilotId, CommandResult, MissionState, Severity

@@ -9,13 +9,18 @@ from typing import get_args
 
 import numpy as np
 
-from mission_io.autopilots.terrain_grid import (
+from mission_io.client.client import Client, answer_terrain_requests
+from mission_io.model.places import EQUATOR_M_PER_DEG
+from mission_io.model.plain_text import counted
+from mission_io.protocol.terrain import (
     PART_COUNT,
     STEP_NORTH,
     Heights,
     Part,
     Place,
+    TerrainAnswers,
     TerrainBlock,
+    TerrainCounts,
     dat_bytes,
     dat_name,
     parts_of_block,
@@ -23,10 +28,6 @@ from mission_io.autopilots.terrain_grid import (
     places_of_block,
     wrapped_deg,
 )
-from mission_io.client.client import Client, answer_terrain_requests
-from mission_io.model.places import EQUATOR_M_PER_DEG
-from mission_io.model.plain_text import counted
-from mission_io.protocol.terrain import TerrainAnswers, TerrainCounts
 from uavcover.errors import InputError, OutputError, TerrainError
 from uavcover.flight.tuning import TERRAIN
 from uavcover.model.terrain import HeightUnit, RasterTerrain

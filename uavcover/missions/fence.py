@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 import shapely
 
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon
+from mission_io.model.items import Fence, FenceCircle, FencePolygon, LatLon
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import Polygons, Zone
 from uavcover.scenario.site import Site, once

@@ -19,16 +19,16 @@ import numpy as np
 import shapely
 
 from mission_io.autopilots import autopilot as autopilots
-from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
-from mission_io.autopilots.checks import check_for_autopilot
+from mission_io.autopilots.mission_lists import MissionList, check_for_autopilot, items_of, mission_type_of
 from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, item_of
-from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import (
+    Fence,
     Frame,
     GeoPoint,
     Mission,
     MissionItem,
     MissionType,
+    RallyPoints,
     change_speed,
     land,
     takeoff,

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from mission_io.model.areas import FramedPoint
-from mission_io.model.items import Frame
+from mission_io.model.items import Frame, FramedPoint
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.missions.failsafe_checks import judge_paths
 from uavcover.missions.failsafe_path import direct_return

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mission_io.model.areas import FramedPoint
-from mission_io.model.items import Frame, GeoPoint
+from mission_io.model.items import Frame, FramedPoint, GeoPoint
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.failsafe_checks import ReturnJudgement, ReturnLimits, judge_returns
 from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings

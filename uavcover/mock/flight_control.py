@@ -5,7 +5,7 @@ Results are answers to commands; refusals are worded as the autopilot words them
 
 from collections.abc import Callable
 
-from mission_io.autopilots.flight_modes import Mode, has_mode
+from mission_io.autopilots.autopilot import Mode, has_mode
 from mission_io.model.enums import CommandResult, MissionState, Severity
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol, Self, cast
 
-from mission_io.autopilots.autopilot import command_read_back
+from mission_io.autopilots.mission_lists import command_read_back
 from mission_io.model.items import Command, MissionItem, SpeedType
 from uavcover.mock.behaviour import FLIGHT, Settings, Speeds
 from uavcover.mock.dynamics import Airframe, Vector

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.model.enums import MissionState, Severity
 from mission_io.model.items import LAST_NAVIGATION, Command, Frame, MissionItem, MissionType
 from mission_io.wire import messages as m

@@ -5,8 +5,15 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import Autopilot, stored_item
-from mission_io.autopilots.terrain_grid import (
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.mission_lists import list_is_whole, refusal_of, stored_item
+from mission_io.errors import FormatError
+from mission_io.model.enums import AutopilotId, MissionResult
+from mission_io.model.items import Command, Fence, GeoPoint, MissionItem, MissionType, fence_from_items
+from mission_io.model.places import EQUATOR_M_PER_DEG
+from mission_io.protocol.server import ListChanged, MissionServer, id_of_items
+from mission_io.protocol.tables import ServerState
+from mission_io.protocol.terrain import (
     ALL_PARTS,
     DEFAULT_SPACING_M,
     PART_COUNT,
@@ -19,18 +26,10 @@ from mission_io.autopilots.terrain_grid import (
     place_in_block,
     wrapped_deg,
 )
-from mission_io.errors import FormatError
-from mission_io.formats.mission_dat import dat_path, read_mission_dat, write_mission_dat
-from mission_io.model.areas import Fence, fence_from_items
-from mission_io.model.enums import AutopilotId, MissionResult
-from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
-from mission_io.model.places import EQUATOR_M_PER_DEG
-from mission_io.protocol.admission import list_is_whole, refusal_of
-from mission_io.protocol.server import ListChanged, MissionServer, id_of_items
-from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
-from mission_io.wire.messages import Address, TerrainData, TerrainReport, TerrainRequest
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.messages import Address
+from mission_io.wire.mission_items import dat_path, message_from_item, read_mission_dat, write_mission_dat
+from mission_io.wire.telemetry_messages import TerrainData, TerrainReport, TerrainRequest
 from uavcover.mock.behaviour import LINK, Parameters
 from uavcover.mock.body import MockBody
 from uavcover.mock.dynamics import Vector

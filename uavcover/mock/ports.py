@@ -8,10 +8,10 @@ from typing import Generic, TypeVar
 
 from mission_io.clock import MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.links.stream import FramedChannel
-from mission_io.links.tcp import TcpChannel
+from mission_io.links.stream import FramedChannel, TcpChannel
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import Address, Message, TimeSync
+from mission_io.wire.messages import Address, Message
+from mission_io.wire.telemetry_messages import TimeSync
 from uavcover.errors import VehicleError
 from uavcover.mock.behaviour import LINK
 from uavcover.mock.vehicle import MockVehicle

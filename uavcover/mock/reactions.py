@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from mission_io.autopilots.flight_modes import Mode, mode_from_custom, mode_from_params
+from mission_io.autopilots.autopilot import Mode, mode_from_custom, mode_from_params
 from mission_io.model.enums import CommandResult, Severity, VehicleClass
 from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from mission_io.wire import messages as m

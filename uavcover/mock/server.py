@@ -9,8 +9,9 @@ from random import Random
 from types import FrameType
 from typing import Self
 
-from mission_io.links.base import Closing
-from mission_io.links.opening import Link, LinkUrl, UdpLink, parse_link_url
+from mission_io.links.base import Closing, Link
+from mission_io.links.opening import LinkUrl, parse_link_url
+from mission_io.links.udp import UdpLink
 from uavcover.errors import InputError
 from uavcover.mock.behaviour import LINK
 from uavcover.mock.ports import MockPeer, Place, Port, TcpPort, UdpPort

@@ -10,11 +10,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import Autopilot, autopilot_for
-from mission_io.autopilots.flight_modes import Mode, custom_mode, has_mode, mode_from_custom
+from mission_io.autopilots.autopilot import Autopilot, Mode, autopilot_for, custom_mode, has_mode, mode_from_custom
 from mission_io.model.enums import AutopilotId, MissionState, VehicleClass
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
-from mission_io.protocol.ftp_server import FtpServer
+from mission_io.protocol.ftp import FtpServer
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
 from uavcover.mock.behaviour import BODY, FLIGHT, Behaviour, GroundSource, Parameters, Settings, TransferClock, quick

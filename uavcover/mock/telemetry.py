@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.links.base import Closing
 from mission_io.model.enums import EkfFlag, GpsFix, MissionState, ModeFlag
 from mission_io.model.items import MissionType

@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import Autopilot
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import Autopilot, Mode
 from mission_io.model.enums import Severity
 from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
 from mission_io.wire import messages as m

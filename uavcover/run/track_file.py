@@ -19,7 +19,7 @@ from typing import Final, Self
 import numpy as np
 
 from mission_io.errors import FormatError
-from mission_io.formats.dialects import sniff
+from mission_io.formats.csv_tables import sniff
 from mission_io.formats.text import clean_text
 from uavcover.errors import OutputError, TrackError
 from uavcover.kernels.arrays import FloatArray

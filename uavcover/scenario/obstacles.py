@@ -17,9 +17,8 @@ import numpy as np
 import shapely
 
 from mission_io.errors import FormatError
-from mission_io.formats.dialects import sniff
-from mission_io.formats.point_route import child_text, local_name, number_in, xml_root
-from mission_io.formats.text import clean_text, text_from_bytes
+from mission_io.formats.csv_tables import sniff
+from mission_io.formats.text import child_text, clean_text, local_name, number_in, text_from_bytes, xml_root
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels import obstacle_breach as kernels
 from uavcover.kernels.arrays import FloatArray, read_only

@@ -4,8 +4,18 @@ import numpy as np
 import pytest
 import shapely
 
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    GeoPoint,
+    LatLon,
+    Mission,
+    MissionItem,
+)
 from tests.extras.check.worlds import (
     COPTER,
     FRAME,

@@ -106,7 +106,7 @@ def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
 def test_a_plan_brings_its_autopilot_and_its_fence(cli: Cli, tmp_path: Path) -> None:
     from mission_io.formats import plan
     from mission_io.formats.files import read_mission
-    from mission_io.model.areas import Fence, FenceCircle, LatLon
+    from mission_io.model.items import Fence, FenceCircle, LatLon
 
     fence = Fence(circles=(FenceCircle(LatLon(36.4762, -84.2160), 60.0),))
     made = plan.PlanFile(read_mission(mission(tmp_path, *GOOD)), fence, plan.RallyPoints(), 12)
@@ -217,7 +217,7 @@ def test_a_mission_of_another_place(cli: Cli, tmp_path: Path) -> None:
 def test_a_repaired_mission_is_checked_again(cli: Cli, tmp_path: Path, name: str) -> None:
     from mission_io.formats import plan
     from mission_io.formats.files import read_mission
-    from mission_io.model.areas import Fence
+    from mission_io.model.items import Fence
 
     rows = ("22 0 0 40", "16 36.4770 -84.2160 70", "16 36.4800 -84.2190 300", "16 36.4850 -84.2240 480", "20 0 0 0")
     file = mission(tmp_path, *rows)
@@ -276,7 +276,7 @@ def test_rally_points_and_parameters_of_files(cli: Cli, tmp_path: Path) -> None:
     """They were read and ignored: a rally point inside the ground passed."""
     from mission_io.formats import wpl
     from mission_io.formats.files import read_mission
-    from mission_io.model.areas import FramedPoint, RallyPoints
+    from mission_io.model.items import FramedPoint, RallyPoints
 
     file = mission(tmp_path, *GOOD)
     home = read_mission(file).home

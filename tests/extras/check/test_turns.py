@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mission_io.model.areas import Fence, FenceCircle, LatLon
-from mission_io.model.items import Command
+from mission_io.model.items import Command, Fence, FenceCircle, LatLon
 from tests.extras.check.test_checks import checked, found
 from tests.extras.check.worlds import COPTER, PLANE, home, item, lat_lon, mission, up, way, world
 from tests.naive import turn as naive

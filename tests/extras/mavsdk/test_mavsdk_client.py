@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
-from mission_io.autopilots.flight_modes import Mode
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, Mode
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.client.client import Client
 from mission_io.errors import (
     CommandRefusedError,
@@ -21,10 +21,9 @@ from mission_io.errors import (
     VehicleSilentError,
     WaitCancelledError,
 )
-from mission_io.links.opening import UdpLink
 from mission_io.links.simulated import Conditions, LossyLink
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon, RallyPoints
-from mission_io.model.items import Command, MissionType
+from mission_io.links.udp import UdpLink
+from mission_io.model.items import Command, Fence, FenceCircle, FencePolygon, LatLon, MissionType, RallyPoints
 from mission_io.wire.messages import AutopilotVersion
 from tests.flight.scene import HOME, mission, plan_for, way_home
 from tests.mission_io.protocol.scripts import items

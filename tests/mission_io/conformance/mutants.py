@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from mission_io.conformance.case import sample
+from mission_io.conformance.client_case import Said, as_float
 from mission_io.conformance.fake_vehicle import BY_THE_GUIDE, FakeVehicle
-from mission_io.conformance.tricks import Said, as_float
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.protocol.server import MissionServer

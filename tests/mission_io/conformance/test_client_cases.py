@@ -3,10 +3,10 @@
 import pytest
 
 from mission_io.client.client import Client
-from mission_io.conformance.__main__ import judge_client
 from mission_io.conformance.case import CaseResult, Outcome
+from mission_io.conformance.client_case import ClientCase, Operation
 from mission_io.conformance.client_cases import CLIENT_CASES
-from mission_io.conformance.evidence import ClientCase, Operation
+from mission_io.conformance.run import judge_client
 from mission_io.errors import MissionIoError, TransferError
 from mission_io.protocol.timing import Timing
 from tests.mission_io.conformance.clients import IGNORES_ERRORS, MUTANTS, begun, chattering

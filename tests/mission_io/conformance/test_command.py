@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from mission_io.client.client import Client
-from mission_io.conformance.__main__ import VEHICLE_CASES, main, serve
+from mission_io.conformance.__main__ import VEHICLE_CASES, main
 from mission_io.conformance.case import sample
 from mission_io.conformance.client_cases import CLIENT_CASES
 from mission_io.conformance.fake_vehicle import FakeVehicle
-from mission_io.links.opening import UdpLink
+from mission_io.conformance.run import serve
+from mission_io.links.udp import UdpLink
 from mission_io.model.items import MissionType
 
 WATCHDOG_S = 300.0

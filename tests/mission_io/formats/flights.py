@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mission_io.formats.camera_flight import CameraFlight, CameraPoint
+from mission_io.formats.point_route import CameraFlight, CameraPoint
 from mission_io.model.items import GeoPoint
 
 PLACES = ((47.25, -8.5), (-33.9, 151.2), (0.0, 0.0), (-16.5, 179.9999), (89.2, 12.0), (71.0, -179.9999))

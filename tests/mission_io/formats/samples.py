@@ -4,12 +4,17 @@ import math
 
 from hypothesis import strategies as st
 
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
     Frame,
+    FramedPoint,
     GeoPoint,
+    LatLon,
     Mission,
     MissionItem,
+    RallyPoints,
     change_speed,
     land,
     return_to_launch,

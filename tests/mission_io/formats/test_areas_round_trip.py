@@ -6,12 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_io.formats import plan, poly, wpl
-from mission_io.formats.drawings import DrawnArea
-from mission_io.model.areas import (
+from mission_io.formats import plan, wpl
+from mission_io.formats.drawings import DrawnArea, read_area_list, read_fence_list, write_area_list, write_fence_list
+from mission_io.model.items import (
     Fence,
     FenceCircle,
     FencePolygon,
+    Frame,
     FramedPoint,
     LatLon,
     RallyPoints,
@@ -20,7 +21,6 @@ from mission_io.model.areas import (
     items_from_rally,
     rally_from_items,
 )
-from mission_io.model.items import Frame
 from tests.mission_io.formats.samples import HOME, LATITUDES, LONGITUDES, MISSION
 
 _PLACES = st.builds(LatLon, LATITUDES, LONGITUDES)
@@ -61,6 +61,6 @@ def test_a_plan_holds_every_bit_of_heights_above_home(fence: Fence, rally: Rally
 @settings(derandomize=True, max_examples=100)
 @given(_RINGS, _PLACES)
 def test_poly_and_fen_hold_every_corner(ring: tuple[LatLon, ...], point: LatLon) -> None:
-    assert poly.read_area(poly.write_area(DrawnArea(ring))).area == DrawnArea(ring)
+    assert read_area_list(write_area_list(DrawnArea(ring))).areas[0] == DrawnArea(ring)
     fence = Fence((FencePolygon(ring),), (), FramedPoint(point.lat_deg, point.lon_deg, 0.0))
-    assert poly.read_fence(poly.write_fence(fence)).fence == fence
+    assert read_fence_list(write_fence_list(fence)).fence == fence

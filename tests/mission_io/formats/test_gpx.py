@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
-from mission_io.formats import gpx
+from mission_io.formats.map_xml import write_gpx
 from mission_io.model.items import Frame, GeoPoint, Mission, land, takeoff, waypoint
 from tests.mission_io.formats.samples import HOME, LATITUDES, LONGITUDES, MISSION
 
@@ -68,7 +68,7 @@ def test_every_mission_keeps_the_schema_and_reads_back(
     items = [takeoff(home[0], home[1], 30.0, frame=Frame.ABOVE_HOME)]
     items += [waypoint(lat, lon, alt - home[2], frame=Frame.ABOVE_HOME) for lat, lon, alt in places]
     items.append(land(home[0], home[1], home[2], frame=Frame.AMSL))
-    text = gpx.write_mission(Mission(start, tuple(items)), name=name)
+    text = write_gpx(Mission(start, tuple(items)), name=name)
     root = checked(text)
     wanted = [(home[0], home[1], home[2] + 30.0), *places, home]
     points = root.findall(f"{SPACE}rte/{SPACE}rtept")
@@ -83,7 +83,7 @@ def test_every_mission_keeps_the_schema_and_reads_back(
 
 def test_gpxpy_reads_the_route_and_home() -> None:
     gpxpy = pytest.importorskip("gpxpy", reason="the extra dev has it")
-    read = gpxpy.parse(gpx.write_mission(MISSION, name='"a" < b & c'))
+    read = gpxpy.parse(write_gpx(MISSION, name='"a" < b & c'))
     assert read.name == '"a" < b & c'
     (home,) = read.waypoints
     assert (home.latitude, home.longitude, home.elevation) == (33.21875, -98.1234567, 345.678)
@@ -98,7 +98,7 @@ def test_gpxpy_reads_the_route_and_home() -> None:
 
 def test_the_180th_meridian_is_written_as_the_schema_wants_it() -> None:
     mission = Mission(GeoPoint(-16.5, 180.0, 5.0), (waypoint(-16.5, 179.999999999, 40.0, frame=Frame.AMSL),))
-    root = checked(gpx.write_mission(mission))
+    root = checked(write_gpx(mission))
     assert [element.get("lon") for element in root.iter() if element.get("lon")] == ["-180.00000000", "-180.00000000"]
 
 
@@ -117,4 +117,4 @@ def test_the_180th_meridian_is_written_as_the_schema_wants_it() -> None:
 )
 def test_what_it_cannot_hold_is_refused(mission: Mission, name: str, match: str) -> None:
     with pytest.raises(FormatError, match=match):
-        gpx.write_mission(mission, name=name)
+        write_gpx(mission, name=name)

@@ -9,8 +9,8 @@ import pyproj
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats.camera_flight import CameraFlight
 from mission_io.formats.litchi import write_csv
+from mission_io.formats.point_route import CameraFlight
 from tests.mission_io.formats.flights import pictures_at_once, random_flight
 
 COLUMNS = [

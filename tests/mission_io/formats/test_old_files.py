@@ -7,12 +7,22 @@ from typing import Any
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats import plan, poly, wpl
+from mission_io.formats import plan, wpl
+from mission_io.formats.drawings import read_rally_list, write_fence_list
 from mission_io.formats.files import mission_text, read_file, read_mission
 from mission_io.formats.plan import read_old_json as read
-from mission_io.formats.poly import read_rally
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, RallyPoints
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    GeoPoint,
+    Mission,
+    MissionItem,
+    MissionType,
+    RallyPoints,
+)
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 
 PLAN = plan.write(plan.PlanFile(MISSION, Fence(), RallyPoints(), 3))
@@ -112,7 +122,7 @@ def test_what_cannot_be_read_is_one_error(document: dict[str, Any], what: str) -
 
 def test_rally_lines(tmp_path: Path) -> None:
     text = "# points\nRALLY 33.2\t-98.13\t50.0\t40.0\t0.0\t0\r\n\nRALLY 33.23 -98.14 55.5 0 0 0  # last\n"
-    file = read_rally(text)
+    file = read_rally_list(text)
     assert file.rally == RALLY
     assert file.repairs == (
         "changed the line ends to LF", "line 2: break altitude, landing direction and flags were dropped",
@@ -136,7 +146,7 @@ def test_rally_lines(tmp_path: Path) -> None:
 )
 def test_a_bad_rally_line_is_named(line: str, what: str) -> None:
     with pytest.raises(FormatError, match=what):
-        read_rally("RALLY 1 2 3 0 0 0\n" + line)
+        read_rally_list("RALLY 1 2 3 0 0 0\n" + line)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +168,7 @@ def test_a_file_is_read_as_what_it_is(name: str, text: str, surprise: tuple[str,
 
 @pytest.mark.parametrize("name", ["fence.txt", "fence", "fence.waypoints"])
 def test_a_list_of_places_is_a_fence(name: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text(poly.write_fence(OLD_FENCE))
+    (tmp_path / name).write_text(write_fence_list(OLD_FENCE))
     file = read_file(tmp_path / name)
     assert file.fence == OLD_FENCE
     assert "read as an old fence file: the first position is the return point" in file.repairs
@@ -167,7 +177,7 @@ def test_a_list_of_places_is_a_fence(name: str, tmp_path: Path) -> None:
 
 
 def test_a_fence_file_named_fen_needs_no_word(tmp_path: Path) -> None:
-    (tmp_path / "a.fen").write_text(poly.write_fence(OLD_FENCE))
+    (tmp_path / "a.fen").write_text(write_fence_list(OLD_FENCE))
     assert (read_file(tmp_path / "a.fen").fence, read_file(tmp_path / "a.fen").repairs) == (OLD_FENCE, ())
 
 

@@ -8,8 +8,18 @@ from hypothesis import given, settings
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
-from mission_io.model.items import Command, Frame, Mission, MissionItem, same_item
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    LatLon,
+    Mission,
+    MissionItem,
+    RallyPoints,
+    same_item,
+)
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, MISSIONS, NAN_YAW, RALLY
 
 CORNERS = (LatLon(1.0, 2.0), LatLon(1.0, 3.0), LatLon(2.0, 3.0))

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import FormatError
 from mission_io.formats import plan
-from mission_io.formats.json_node import Node
 from mission_io.formats.plan_items import read_simple
+from mission_io.formats.text import Node
 from mission_io.model.items import Command, Frame, Mission, MissionItem, MissionType, delay, same_item, waypoint
 from tests.mission_io.formats.samples import HOME, MISSION
 from tests.mission_io.vehicle import VehiclePeer, connected

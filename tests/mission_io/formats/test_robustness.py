@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv, geojson, kml, plan, poly, wpl
+from mission_io.formats import plan, wpl
+from mission_io.formats.csv_tables import HEADER, read_csv
+from mission_io.formats.drawings import read_area_list, read_geojson
+from mission_io.formats.map_xml import read_kml_drawing
 from mission_io.formats.text import text_from_bytes
 from scripts.attack import fuzz_formats
 from scripts.attack.fuzz_files import of_text
@@ -56,12 +59,15 @@ SIZES: dict[str, tuple[Callable[[str], object], Callable[[int], str]]] = {
         lambda text: plan.write(plan.read(text)),
         lambda n: plan_of(",".join(item(7) for _ in range(n))),
     ),
-    "csv": (csv.read_mission, lambda n: csv.HEADER + "\n" + "1,16,3,0,0,0,,33.2,-98.1,60,ABOVE_HOME,1\n" * n),
-    "kml": (kml.read_drawing, lambda n: f"<kml><LinearRing><coordinates>{points(n)}</coordinates></LinearRing></kml>"),
-    "kml, deep": (kml.read_drawing, lambda n: "<kml>" + "<a>" * n + "</a>" * n + "</kml>"),
-    "kml, names": (kml.read_drawing, lambda n: f"<kml><Placemark><name>{'&lt;' * n}</name></Placemark></kml>"),
-    "geojson": (geojson.read_drawing, lambda n: json.dumps({"type": "MultiPoint", "coordinates": [[1.5, 2.5]] * n})),
-    "poly": (poly.read_area, lambda n: "".join(f"{k / n} {k * k / n / n}\n" for k in range(n))),
+    "csv": (read_csv, lambda n: HEADER + "\n" + "1,16,3,0,0,0,,33.2,-98.1,60,ABOVE_HOME,1\n" * n),
+    "kml": (
+        read_kml_drawing,
+        lambda n: f"<kml><LinearRing><coordinates>{points(n)}</coordinates></LinearRing></kml>",
+    ),
+    "kml, deep": (read_kml_drawing, lambda n: "<kml>" + "<a>" * n + "</a>" * n + "</kml>"),
+    "kml, names": (read_kml_drawing, lambda n: f"<kml><Placemark><name>{'&lt;' * n}</name></Placemark></kml>"),
+    "geojson": (read_geojson, lambda n: json.dumps({"type": "MultiPoint", "coordinates": [[1.5, 2.5]] * n})),
+    "poly": (read_area_list, lambda n: "".join(f"{k / n} {k * k / n / n}\n" for k in range(n))),
     "bytes": (lambda text: text_from_bytes(text.encode("latin-1")), lambda n: "é\r\n" * n),
 }
 
@@ -112,7 +118,7 @@ def error_of(call: Callable[[], object]) -> str:
 def test_deep_json_is_kept_or_refused(depth: int) -> None:
     deep = '{"a":' * depth + "1" + "}" * depth
     for text in (deep, "[" * depth):
-        for read in (plan.read_to_keep, geojson.read_drawing):
+        for read in (plan.read_to_keep, read_geojson):
             assert 0 < len(error_of(lambda read=read, text=text: read(text))) < 200  # type: ignore[misc]
     form = plan_of(f'{{"type": "ComplexItem", "complexItemType": "X", "deep": {deep}}}')
     error = error_of(lambda: plan.read_to_keep(form))
@@ -127,7 +133,7 @@ def test_an_xml_bomb_is_refused_before_it_grows() -> None:
     bomb = f'<!DOCTYPE kml [<!ENTITY e0 "boom">{entities}]><kml><name>&e12;</name></kml>'
     start = time.process_time()
     with pytest.raises(FormatError, match="document types are not supported"):
-        kml.read_drawing(bomb)
+        read_kml_drawing(bomb)
     assert time.process_time() - start < 1.0
 
 

@@ -5,8 +5,8 @@ from random import Random
 
 import pytest
 
-from mission_io.autopilots.terrain_grid import PART_COUNT, Part, TerrainBlock, dat_bytes, dat_name, place_in_block
 from mission_io.errors import MisuseError
+from mission_io.protocol.terrain import PART_COUNT, Part, TerrainBlock, dat_bytes, dat_name, place_in_block
 from tests.naive.terrain_grid import look_up
 
 

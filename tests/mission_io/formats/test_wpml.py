@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats.camera_flight import CameraFlight
+from mission_io.formats.point_route import CameraFlight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from tests.mission_io.formats.flights import pictures_at_once, random_flight
 from tests.mission_io.formats.wpml_tables import check_kmz

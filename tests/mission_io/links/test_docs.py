@@ -7,9 +7,8 @@ import pytest
 
 from mission_io.autopilots.autopilot import PX4
 from mission_io.clock import SystemClock
-from mission_io.links.opening import TcpListeningLink, parse_link_url
-from mission_io.links.stream import QUIET_S, SEND_BUFFER_BYTES
-from mission_io.links.tcp import MOST_PEERS
+from mission_io.links.opening import parse_link_url
+from mission_io.links.stream import MOST_PEERS, QUIET_S, SEND_BUFFER_BYTES, TcpListeningLink
 from mission_io.links.udp import FORGOTTEN_AFTER_S
 from mission_io.wire.framing import LARGEST_FRAME
 from mission_io.wire.signing import Signing, SigningKey, UnsavedTimestamps

@@ -13,8 +13,8 @@ from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
 from mission_io.errors import LinkError, MisuseError
 from mission_io.links import stream
-from mission_io.links.opening import open_link, open_serial
-from mission_io.links.stream import ChannelLink
+from mission_io.links.opening import open_link
+from mission_io.links.stream import ChannelLink, open_serial
 from mission_io.model.items import Frame, MissionType, waypoint
 from mission_io.wire.framing import FramingCounts
 from tests.mission_io.links.streams import PATIENCE_S, frames, received

@@ -8,8 +8,9 @@ from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.client.client import Client
 from mission_io.errors import LinkError
 from mission_io.links import stream
-from mission_io.links.opening import Link, StreamLink, TcpListeningLink, open_link
-from mission_io.links.tcp import MOST_PEERS, connect_tcp
+from mission_io.links.base import Link, StreamLink
+from mission_io.links.opening import open_link
+from mission_io.links.stream import MOST_PEERS, TcpListeningLink, connect_tcp
 from mission_io.model.items import Frame, MissionType, waypoint
 from mission_io.wire.framing import FramingCounts
 from tests.mission_io.links.streams import PATIENCE_S, frames, received

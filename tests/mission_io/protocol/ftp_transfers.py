@@ -9,12 +9,11 @@ import math
 import random
 
 from mission_io.links.simulated import Conditions, SimulatedLink
-from mission_io.protocol.ftp import DATA_BYTES, FtpState
-from mission_io.protocol.ftp_download import FtpDownload
-from mission_io.protocol.ftp_server import FtpServer
-from mission_io.protocol.ftp_upload import FtpUpload
+from mission_io.protocol.ftp import DATA_BYTES, FtpServer
+from mission_io.protocol.ftp_files import FtpDownload, FtpUpload
+from mission_io.protocol.ftp_transfer import FtpState
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import FileTransfer
+from mission_io.wire.telemetry_messages import FileTransfer
 
 _DELAY_S = 0.01
 _BURST = 500

@@ -13,17 +13,20 @@ from dataclasses import replace
 from typing import Any
 
 from mission_io.autopilots.autopilot import Autopilot
-from mission_io.model.areas import (
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import (
     Fence,
     FencePolygon,
+    Frame,
     FramedPoint,
     LatLon,
+    MissionItem,
+    MissionType,
     RallyPoints,
     items_from_fence,
     items_from_rally,
+    waypoint,
 )
-from mission_io.model.enums import MissionResult
-from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import degrees_on_wire
 from tests.mission_io.vehicle import VehiclePeer

@@ -3,7 +3,8 @@
 import random
 from collections.abc import Iterable
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, home_item
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.mission_lists import home_item
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.server import MissionServer

@@ -5,10 +5,20 @@ import pytest
 from mission_io.client.files import FileUploads
 from mission_io.errors import FormatError, MisuseError, TransferCancelledError, TransferError, TransferSilentError
 from mission_io.links.simulated import Conditions
-from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation, FtpState, crc32, path_bytes
-from mission_io.protocol.ftp_server import MAX_FILE_BYTES, FtpServer
-from mission_io.protocol.ftp_upload import FtpUpload
-from mission_io.wire.messages import FileTransfer, Received
+from mission_io.protocol.ftp import (
+    DATA_BYTES,
+    MAX_FILE_BYTES,
+    FtpError,
+    FtpMessage,
+    FtpOperation,
+    FtpServer,
+    crc32,
+    path_bytes,
+)
+from mission_io.protocol.ftp_files import FtpUpload
+from mission_io.protocol.ftp_transfer import FtpState
+from mission_io.wire.messages import Received
+from mission_io.wire.telemetry_messages import FileTransfer
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 PATH = "/APM/TERRAIN/N47E008.DAT"

@@ -7,8 +7,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import TransferError, TransferSilentError
 from mission_io.model.items import MissionType
-from mission_io.protocol.timing import Timing, longest_times
-from mission_io.protocol.tuning import TRANSFERS
+from mission_io.protocol.timing import TRANSFERS, Timing, longest_times
 from mission_io.wire import messages as m
 from tests.mission_io.protocol.attacks import CALLS, attack
 from tests.mission_io.protocol.hostile import TRICKS, HostileVehicle, SlowVehicle, valid_items

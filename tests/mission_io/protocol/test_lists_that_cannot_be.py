@@ -6,10 +6,20 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import common
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.mission_lists import items_of
 from mission_io.errors import FormatError, MisuseError, TransferError
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
-from mission_io.model.items import Command, Frame, MissionItem, MissionType
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Frame,
+    FramedPoint,
+    LatLon,
+    MissionItem,
+    MissionType,
+)
 from mission_io.wire.messages import MissionCount
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.protocol.two_sides import (
@@ -39,7 +49,7 @@ def partial_list(start: int, end: int) -> bytes:
 
 @pytest.mark.parametrize(("start", "end"), [(0, 2), (-1, 5), (3, 1), (0, 32767)])
 def test_vehicle_write_partial(start: int, end: int) -> None:
-    """PX4 knows no parts, whatever their bounds: nothing is answered and nothing changes. ArduPilot: test_part_upload.py."""
+    """PX4 knows no parts, whatever their bounds: nothing is answered and nothing changes. ArduPilot: test_lists.py."""
     peer = VehiclePeer(PX4)
     peer.server.set_items(MissionType.MISSION, items(5))
     peer.receive_datagram(partial_list(start, end), 0.0)

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.autopilots.comparison import compare_items
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoint
 from tests.mission_io.vehicle import VehiclePeer, connected

@@ -2,7 +2,7 @@ import pytest
 
 from mission_io.errors import MisuseError
 from mission_io.protocol.timing import RateLimit
-from mission_io.wire.messages import TimeSync
+from mission_io.wire.telemetry_messages import TimeSync
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 

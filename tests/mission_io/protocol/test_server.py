@@ -3,12 +3,22 @@ from dataclasses import replace
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.mission_lists import items_of, refusal_of
 from mission_io.errors import MisuseError
-from mission_io.model.areas import Fence, FencePolygon, LatLon
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import Command, Frame, GeoPoint, MissionItem, MissionType, change_speed, waypoint
-from mission_io.protocol.admission import refusal_of
+from mission_io.model.items import (
+    Command,
+    Fence,
+    FencePolygon,
+    Frame,
+    GeoPoint,
+    LatLon,
+    MissionItem,
+    MissionType,
+    change_speed,
+    waypoint,
+)
 from mission_io.protocol.server import MissionServer
 from mission_io.wire.messages import Heartbeat, MissionCount, MissionItemFloat, Received
 from mission_io.wire.mission_items import message_from_item

@@ -4,12 +4,12 @@ from random import Random
 
 import pytest
 
-from mission_io.autopilots.terrain_grid import ALL_PARTS, PART_COUNT, place_in_block
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
-from mission_io.protocol.terrain import TerrainAnswers
-from mission_io.protocol.tuning import VALUES
-from mission_io.wire.messages import Heartbeat, Received, TerrainData, TerrainRequest
+from mission_io.protocol.terrain import ALL_PARTS, PART_COUNT, TerrainAnswers, place_in_block
+from mission_io.protocol.timing import VALUES
+from mission_io.wire.messages import Heartbeat, Received
+from mission_io.wire.telemetry_messages import TerrainData, TerrainRequest
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats.json_node import Node, parse_json
+from mission_io.formats.text import Node, parse_json
 from mission_io.model.plain_text import counted
 from uavcover.model.active_times import DAYS
 from uavcover.model.area import Ring, Rings

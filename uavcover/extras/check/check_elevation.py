@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 
 from mission_io.errors import FormatError
-from mission_io.formats import gpx, kml, litchi, wpml
+from mission_io.formats import litchi, wpml
+from mission_io.formats.map_xml import read_gpx_route, read_kml_route
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.items import Mission
@@ -37,7 +38,7 @@ from uavcover.terrain.terrain_source import TerrainSource
 ROUTE_SUFFIXES: Final = (".gpx", ".kml", ".kmz", ".wpml")
 MOST_BYTES: Final = 64 * 1024 * 1024
 _READERS: Final[Mapping[str, Callable[[str], PointRoute]]] = MappingProxyType(
-    {".gpx": gpx.read_route, ".kml": kml.read_route, ".wpml": wpml.read_route}
+    {".gpx": read_gpx_route, ".kml": read_kml_route, ".wpml": wpml.read_route}
 )
 
 
@@ -77,7 +78,7 @@ def _read_kmz(path: Path) -> PointRoute:
         )  # fmt: skip
     if flight is not None:
         return wpml.read_route(text_from_bytes(flight).text)
-    return kml.read_route(text_from_bytes(kml_of(path)).text)
+    return read_kml_route(text_from_bytes(kml_of(path)).text)
 
 
 _AS_OPTIONS = (

@@ -7,14 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from mission_io.autopilots.autopilot import VehicleKind, kind_of
 from mission_io.errors import FormatError
 from mission_io.formats import files, litchi, plan, wpml
-from mission_io.formats.dialects import words_of
+from mission_io.formats.csv_tables import words_of
 from mission_io.formats.text import text_from_bytes
-from mission_io.model.areas import Fence, FramedPoint
-from mission_io.model.enums import AutopilotId
-from mission_io.model.items import Command, Mission
+from mission_io.model.enums import AutopilotId, VehicleKind, kind_of
+from mission_io.model.items import Command, Fence, FramedPoint, Mission
 from mission_io.model.places import doubts_about_fence
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, ScenarioError

@@ -8,8 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mission_io.model.areas import FramedPoint
-from mission_io.model.items import Command, Frame, Mission
+from mission_io.model.items import Command, Frame, FramedPoint, Mission
 from uavcover.extras.check.aircraft import Aircraft, default_aircraft
 from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight, along_m, places_at
 from uavcover.extras.check.tuning import CHECKS

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from mission_io.model.areas import Fence, LatLon
+from mission_io.model.items import Fence, LatLon
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Rings

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from mission_io.formats.camera_flight import CameraFlight, camera_flight
 from mission_io.formats.files import FORMATS
 from mission_io.formats.litchi import MOST_WAYPOINTS, write_csv
+from mission_io.formats.point_route import CameraFlight, camera_flight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
 from uavcover.kernels.flight_time import landing_time, leg_times, takeoff_time

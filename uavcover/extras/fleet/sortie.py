@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
+from mission_io.autopilots.mission_lists import wire_items
 from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.items import Frame, Mission, MissionType
-from mission_io.wire.messages import GlobalPositionInt, HomePosition, SysStatus
+from mission_io.wire.messages import GlobalPositionInt, HomePosition
+from mission_io.wire.telemetry_messages import SysStatus
 from uavcover.errors import InputError, UavcoverError, VehicleError
 from uavcover.extras.fleet.clock import FleetClock
 from uavcover.extras.fleet.jobs import Job

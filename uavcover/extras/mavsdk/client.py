@@ -8,8 +8,8 @@ from typing import Final, NoReturn, TypeVar
 
 from mission_io.client import commands
 from mission_io.client.client import Client
+from mission_io.client.connection import Progress, Stop
 from mission_io.client.peers import VehicleInfo
-from mission_io.client.running import Progress, Stop
 from mission_io.errors import (
     CommandRefusedError,
     MisuseError,
@@ -21,7 +21,7 @@ from mission_io.errors import (
     VehicleSilentError,
     WaitCancelledError,
 )
-from mission_io.links.opening import Link
+from mission_io.links.base import Link
 from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, MissionItem, MissionType
 from mission_io.wire import messages as m

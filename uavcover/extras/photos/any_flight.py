@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from mission_io.formats.dialects import header_of
+from mission_io.formats.csv_tables import header_of
 from uavcover.errors import InputError
 from uavcover.extras.photos.exif import ENDINGS as PICTURE_ENDINGS
 from uavcover.extras.photos.judge_photos import judge_photos

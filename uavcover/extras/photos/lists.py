@@ -15,7 +15,7 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
 from mission_io.errors import FormatError
-from mission_io.formats.dialects import sniff
+from mission_io.formats.csv_tables import sniff
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import TrackError
 from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment

@@ -122,8 +122,8 @@ def get_file(
 
 def _list_of(path: str) -> "MissionType | None":
     """Name of ArduPilot's list that a path is the file of; None for any other file."""
-    from mission_io.formats.mission_dat import dat_path
     from mission_io.model.items import MissionType
+    from mission_io.wire.mission_items import dat_path
 
     return next((kind for kind in MissionType if path.lstrip("/").casefold() == dat_path(kind).casefold()), None)
 
@@ -132,7 +132,7 @@ def _converted(
     vehicle: options.VehicleOptions, to: str, kind: "MissionType", file: Path, console: "Console"
 ) -> tuple[str, int]:
     """A list as the text of a mission file, and how many items it has. Files need the home, which the mission has."""
-    from mission_io.autopilots.autopilot import mission_list_of
+    from mission_io.autopilots.mission_lists import mission_list_of
     from mission_io.client.files import FileDownloads
     from mission_io.model.items import MissionType
     from uavcover.cli.mission_files import text_of

@@ -12,11 +12,12 @@ from pyproj import CRS, Geod
 from pyproj.exceptions import CRSError
 
 from mission_io.errors import FormatError
-from mission_io.formats import kml, plan, poly
-from mission_io.formats.dialects import words_of
-from mission_io.formats.drawings import Drawing
-from mission_io.formats.json_node import Node, parse_json
-from mission_io.model.areas import Fence, LatLon
+from mission_io.formats import plan
+from mission_io.formats.csv_tables import words_of
+from mission_io.formats.drawings import Drawing, read_area_list, read_fence_list
+from mission_io.formats.map_xml import read_kml_drawing
+from mission_io.formats.text import Node, parse_json
+from mission_io.model.items import Fence, LatLon
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.model.area import Ring, Rings
@@ -203,7 +204,7 @@ def _shape_of_line(line: str, source: str) -> Any:
 
 def read_kml(text: str, source: str) -> AreaDocument:
     """KML, always longitude and latitude on WGS 84; folders are its layers."""
-    document = _of_drawing(kml.read_drawing(text), source)
+    document = _of_drawing(read_kml_drawing(text), source)
     if not document.features and not document.others and "<NetworkLink" in text:
         raise InputError(
             f"{source}: the file only links to another file, which uavcover does not download; save the polygon itself as KML"
@@ -215,13 +216,12 @@ def read_poly(text: str, source: str) -> AreaDocument:
     """A ``.poly`` file: latitude and longitude of one polygon, line by line; or one of OpenStreetMap's tools."""
     if is_osmosis(text):
         return read_osmosis(text, source)
-    read = poly.read_area(text)
-    return _of_drawing(Drawing((read.area,)), source)
+    return _of_drawing(Drawing(read_area_list(text).areas), source)
 
 
 def read_fen(text: str, source: str) -> AreaDocument:
     """A ``.fen`` file: its fence is the area."""
-    return AreaDocument(source, _of_fence(poly.read_fence(text).fence or Fence(), "fence"), rings_may_be_open=True)
+    return AreaDocument(source, _of_fence(read_fence_list(text).fence or Fence(), "fence"), rings_may_be_open=True)
 
 
 def read_plan(text: str, source: str) -> AreaDocument:

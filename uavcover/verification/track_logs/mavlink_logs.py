@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_io.autopilots.autopilot import VehicleKind, kind_of
+from mission_io.model.enums import VehicleKind, kind_of
 from uavcover.errors import TrackError
 from uavcover.verification.track_logs.assembly import LoggedRows
 

@@ -19,8 +19,9 @@ from typing import Any
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.client.client import Client
 from mission_io.errors import MissionIoError, MisuseError
-from mission_io.links.opening import Link, UdpLink
+from mission_io.links.base import Link
 from mission_io.links.simulated import Conditions, SimulatedLink, fate
+from mission_io.links.udp import UdpLink
 from mission_io.model.enums import VehicleClass
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.server import MissionServer

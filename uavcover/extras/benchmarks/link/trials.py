@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, fields
 from typing import Final
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, stored_item
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.mission_lists import stored_item
 from mission_io.model.items import Frame, MissionItem, waypoint
 from mission_io.wire.mission_items import degrees_on_wire
 

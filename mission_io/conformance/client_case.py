@@ -1,16 +1,20 @@
-"""Faults of the fake vehicle: each trick swallows received messages, or changes sent ones."""
+"""A case for a ground station: the trick that the vehicle plays, and the evidence of what the station did."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from enum import Enum
 from random import Random
 from typing import Any, Final, TypeAlias
 
-from mission_io.conformance.case import ITEMS, REQUESTS
+from mission_io.conformance.case import ITEMS, REQUESTS, ProtocolCase
 from mission_io.model.enums import MissionResult
+from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire import messages as m
-from mission_io.wire.messages import Address
+from mission_io.wire.messages import Address, Message
 from mission_io.wire.mission_items import float_message
+
+# Faults of the fake vehicle: each trick swallows received messages, or changes sent ones.
 
 OTHER_STATION: Final = Address(254, 190)
 OTHER_VEHICLE: Final = Address(2, 1)
@@ -196,3 +200,72 @@ def as_float(message: m.Message) -> m.Message:
 def with_count(by: int) -> Callable[[Any], Sequence[Said]]:
     """A count that is wrong by a number of items."""
     return lambda got: [Said(replace(got, count=got.count + by) if isinstance(got, m.MissionCount) else got)]
+
+
+# Evidence of a ground station's behaviour in one case, and the case itself.
+
+
+class Operation(Enum):
+    """Operation that a ground station begins."""
+
+    UPLOAD = "upload a list"
+    EMPTY = "upload an empty list"
+    CANCEL_UPLOAD = "upload a list and cancel it"
+    DOWNLOAD = "download a list"
+    CANCEL_DOWNLOAD = "download a list and cancel it"
+    CLEAR = "clear a list"
+    SET_CURRENT = "set the current item"
+
+
+ON_REQUEST: Final = (Operation.CANCEL_UPLOAD, Operation.CANCEL_DOWNLOAD)
+"""Only asked when the case is named: a ground station cannot know when to cancel."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeardMessage:
+    """A message of the ground station."""
+
+    at_s: float
+    message: Message
+
+
+@dataclass(slots=True)
+class StationEvidence:
+    """Messages and states of one case."""
+
+    operation: Operation  # what the station began
+    mission_type: MissionType  # about which list
+    station: Address  # who it is
+    vehicle: Address  # whom it should talk to
+    began_s: float
+    old: tuple[MissionItem, ...]  # the list that the vehicle held before
+    heard: list[HeardMessage] = field(default_factory=list)  # what it said in the mission protocol
+    said: list[HeardMessage] = field(default_factory=list)  # what the vehicle said
+    held: tuple[MissionItem, ...] = ()  # the list that it holds now
+    reported_success: bool | None = None  # the station's report to its user; None when that is not known
+    unending: bool = False  # whether the station was still at it when the time was up
+
+    def of(self, *kinds: type[Message]) -> list[HeardMessage]:
+        """The station's messages of some kinds, about the list."""
+        return [h for h in self.heard if isinstance(h.message, kinds) and self._is_about(h.message)]
+
+    def answered(self, *kinds: type[Message]) -> list[HeardMessage]:
+        """The vehicle's messages of some kinds, about the list and to the station."""
+        return [h for h in self.said if isinstance(h.message, kinds) and self._is_about(h.message)]
+
+    def _is_about(self, message: Message) -> bool:
+        return getattr(message, "mission_type", self.mission_type) == self.mission_type
+
+    @property
+    def lasted_s(self) -> float:
+        """Seconds from the first to the last message of the station."""
+        return self.heard[-1].at_s - self.began_s if self.heard else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ClientCase(ProtocolCase[StationEvidence]):
+    """A case for a ground station."""
+
+    operation: Operation = Operation.UPLOAD  # what it has to begin
+    trick: Callable[[], Trick] = Trick  # makes what the vehicle does wrong
+    mission_type: MissionType | None = None  # the list that it has to be about; None for any

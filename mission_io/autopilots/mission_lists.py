@@ -1,16 +1,151 @@
-"""Checks before sending: would the autopilot accept a list of items, and would it understand them as they were meant?
-
-And after receiving: are the items of a vehicle positions on Earth?
-"""
+"""Mission lists as an autopilot takes them: conversion to its terms, checks before sending, and its refusals."""
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
-from mission_io.autopilots.autopilot import WITHOUT_POSITION, Autopilot
+from mission_io.autopilots.autopilot import Autopilot
 from mission_io.errors import FormatError
-from mission_io.model.areas import Fence, LatLon, fence_from_items, rally_from_items
-from mission_io.model.items import Command, MissionItem, MissionType
+from mission_io.model.enums import MissionResult
+from mission_io.model.items import (
+    NOT_STEPS,
+    WITHOUT_POSITION,
+    Command,
+    Fence,
+    Frame,
+    GeoPoint,
+    LatLon,
+    Mission,
+    MissionItem,
+    MissionType,
+    RallyPoints,
+    fence_from_items,
+    items_from_fence,
+    items_from_rally,
+    rally_from_items,
+)
+from mission_io.wire.messages import MissionItemFloat, MissionItemInt
+from mission_io.wire.mission_items import DEGREES_SCALE, float32, item_from_message
+
+
+def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...]:
+    """A mission's items as they are sent to an autopilot: with home in front where item 0 is home.
+
+    An autopilot that keeps home in item 0 puts its own home there, so a mission without a home is sent with a
+    waypoint at latitude 0, longitude 0, only to keep the place. Jumps name items as the vehicle counts them, and
+    commands known to have no position go in the frame COMMAND, the only one that both autopilots take them in.
+    """
+    items = [_in_command_frame(item) for item in mission.items]
+    if not autopilot.home_in_item_0:
+        return tuple(jumps_moved(items, by=-1))
+    home = mission.home if mission.home is not None else GeoPoint(0.0, 0.0, 0.0)
+    return (home_item(home), *items)
+
+
+def jumps_moved(items: Iterable[MissionItem], *, by: int) -> Iterator[MissionItem]:
+    """The items, with the target of every DO_JUMP shifted by a number of items."""
+    for item in items:
+        if item.command == Command.DO_JUMP:
+            p1, p2, p3, p4 = item.params
+            yield replace(item, params=(p1 + by, p2, p3, p4))
+        else:
+            yield item
+
+
+def home_item(home: GeoPoint) -> MissionItem:
+    """Home as item 0, where files and ArduPilot keep it."""
+    return MissionItem(
+        Command.NAV_WAYPOINT, Frame.AMSL, lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_m=home.alt_amsl_m
+    )
+
+
+def mission_from_wire(items: Sequence[MissionItem], autopilot: Autopilot) -> Mission:
+    """The mission that an autopilot's item list stands for; the inverse of ``wire_items``.
+
+    Commands known to have no position get the frame COMMAND, whichever the autopilot returned them with.
+    """
+    home = None
+    if autopilot.home_in_item_0 and items:
+        first, *items = items
+        home = GeoPoint(first.lat_deg, first.lon_deg, first.alt_m)
+    elif not autopilot.home_in_item_0:
+        items = tuple(jumps_moved(items, by=1))
+    return Mission(home, tuple(command_read_back(item) for item in items))
+
+
+def _in_command_frame(item: MissionItem) -> MissionItem:
+    return replace(item, frame=Frame.COMMAND) if item.command in WITHOUT_POSITION else item
+
+
+def command_read_back(item: MissionItem) -> MissionItem:
+    """The item with the frame COMMAND when its command has no position, whichever frame the autopilot returned.
+
+    What was read as degrees becomes the whole numbers again that parameters 5 and 6 are.
+    """
+    if item.command not in WITHOUT_POSITION or not item.has_position:
+        return item
+    lat, lon = (
+        float(round(value * DEGREES_SCALE)) if math.isfinite(value) else value for value in (item.lat_deg, item.lon_deg)
+    )
+    return replace(item, frame=Frame.COMMAND, lat_deg=lat, lon_deg=lon)
+
+
+def stored_item(item: MissionItem, autopilot: Autopilot) -> MissionItem:
+    """The item as this autopilot returns it: as sent on the wire, changed by its storage rules."""
+
+    def kept(name: str, value: float) -> float:
+        rule = autopilot.rule_for(item, name)
+        return float32(rule.store(value) if rule is not None else value)
+
+    p1, p2, p3, p4 = (kept(f"param{i}", value) for i, value in enumerate(item.params, start=1))
+    item = _in_command_frame(item)
+    lat, lon = item.lat_deg, item.lon_deg
+    if not item.has_position:
+        lat, lon = kept("lat_deg", lat), kept("lon_deg", lon)
+        if autopilot.command_frame_returned is not Frame.COMMAND:
+            lat, lon = lat / DEGREES_SCALE, lon / DEGREES_SCALE
+    return MissionItem(
+        item.command,
+        item.frame if item.has_position else autopilot.command_frame_returned,
+        (p1, p2, p3, p4),
+        lat,
+        lon,
+        kept("alt_m", item.alt_m),
+        item.autocontinue if autopilot.keeps_autocontinue else item.command not in NOT_STEPS,
+    )
+
+
+MissionList: TypeAlias = Mission | Fence | RallyPoints
+
+
+def mission_type_of(mission_list: MissionList) -> MissionType:
+    """The type of a mission list."""
+    if isinstance(mission_list, Mission):
+        return MissionType.MISSION
+    return MissionType.FENCE if isinstance(mission_list, Fence) else MissionType.RALLY
+
+
+def items_of(mission_list: MissionList, autopilot: Autopilot) -> tuple[MissionItem, ...]:
+    """The items of a mission list as sent to an autopilot. Raises FormatError: an invalid fence polygon or circle."""
+    if isinstance(mission_list, Mission):
+        return wire_items(mission_list, autopilot)
+    return items_from_fence(mission_list) if isinstance(mission_list, Fence) else items_from_rally(mission_list)
+
+
+def mission_list_of(mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot) -> MissionList:
+    """The mission, fence or rally points of an autopilot's item list; the inverse of ``items_of``.
+
+    Raises:
+        FormatError: items that do not belong in such a list.
+    """
+    if mission_type is MissionType.MISSION:
+        return mission_from_wire(items, autopilot)
+    return fence_from_items(items) if mission_type is MissionType.FENCE else rally_from_items(items)
+
+
+# Checks before sending: would the autopilot accept a list of items, and would it understand them as they were meant? And after
+# receiving: are the items of a vehicle positions on Earth?
 
 _LARGEST_FLOAT32 = 3.4028234663852886e38
 _LONGEST_HOLD_S = 65535
@@ -185,3 +320,52 @@ def _frame_problems(item: MissionItem, autopilot: Autopilot) -> list[tuple[str, 
             ("frame", f"{autopilot.name} does not accept heights in frame {item.frame.name}; use ABOVE_HOME or AMSL")
         ]
     return []
+
+
+# A vehicle's acceptance of the items that it receives, as each autopilot decides it.
+
+_INVALID_PARAMS = (
+    MissionResult.INVALID_PARAM1,
+    MissionResult.INVALID_PARAM2,
+    MissionResult.INVALID_PARAM3,
+    MissionResult.INVALID_PARAM4,
+)
+
+
+def refusal_of(message: MissionItemInt | MissionItemFloat, autopilot: Autopilot) -> MissionResult | None:
+    """The result with which the autopilot refuses an item; None when it accepts it.
+
+    PX4 checks only the frame, ArduPilot the numbers as well. Neither checks the meaning of the mission.
+    """
+    try:
+        item = item_from_message(message)
+    except FormatError:
+        return MissionResult.UNSUPPORTED_FRAME
+    if item.frame is Frame.COMMAND or item.command in WITHOUT_POSITION:
+        if item.frame not in autopilot.position_free_frames:
+            return MissionResult.UNSUPPORTED
+    elif item.frame not in autopilot.frames:
+        return MissionResult.UNSUPPORTED_FRAME
+    if not autopilot.refuses_bad_numbers:
+        return None
+    nan_allowed = autopilot.nan_allowed.get(item.command, autopilot.nan_allowed.get(0, frozenset()))
+    for number, value in enumerate(item.params, start=1):
+        if not math.isfinite(value) and not (math.isnan(value) and number in nan_allowed):
+            return _INVALID_PARAMS[number - 1]
+    if item.has_position and not abs(item.lat_deg) <= 90.0:
+        return MissionResult.INVALID_PARAM5_X
+    if item.has_position and not abs(item.lon_deg) <= 180.0:
+        return MissionResult.INVALID_PARAM6_Y
+    return None if math.isfinite(item.alt_m) else MissionResult.INVALID_PARAM7
+
+
+def list_is_whole(items: tuple[MissionItem, ...], mission_type: MissionType) -> bool:
+    """Whether a complete list is valid: polygons with enough vertices, circles with a radius."""
+    try:
+        if mission_type is MissionType.FENCE:
+            fence_from_items(items)
+        elif mission_type is MissionType.RALLY:
+            rally_from_items(items)
+    except FormatError:
+        return False
+    return True

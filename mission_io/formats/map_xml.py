@@ -1,4 +1,4 @@
-"""KML, for Google Earth and map programs: writes a route as a line and its points, and reads drawings."""
+"""KML and GPX, the XML of map programs: writes a mission's route, reads drawings and routes."""
 
 import re
 from collections.abc import Callable
@@ -18,21 +18,24 @@ from mission_io.formats.drawings import (
     place_of,
     route_of,
 )
-from mission_io.formats.point_route import (
-    PointRoute,
-    RouteStop,
+from mission_io.formats.point_route import PointRoute, RouteStop, route_from_stops
+from mission_io.formats.text import (
+    check_place,
     child_text,
+    clean_text,
+    degrees_text,
+    finite_number,
     local_name,
     number_in,
-    route_from_stops,
+    parse_xml,
+    plain_decimal,
+    rendered,
     xml_root,
 )
-from mission_io.formats.text import clean_text, degrees_text, finite_number, plain_decimal, rendered
-from mission_io.model.areas import LatLon
-from mission_io.model.items import Frame, Mission
+from mission_io.model.items import Command, Frame, GeoPoint, LatLon, Mission
 
 
-def write_mission(mission: Mission, *, name: str = "mission") -> str:
+def write_kml(mission: Mission, *, name: str = "mission") -> str:
     """Write a mission's route as KML: longitude, latitude, height above mean sea level in metres.
 
     Raises:
@@ -48,7 +51,7 @@ def write_mission(mission: Mission, *, name: str = "mission") -> str:
     return rendered("route.kml.jinja", name=name, points=points)
 
 
-def read_drawing(text: str) -> Drawing:
+def read_kml_drawing(text: str) -> Drawing:
     """Read areas with holes, lines and points of a KML document, in order, with the names of their placemarks.
 
     Heights and everything else (pictures, tracks, styles) are dropped. Any KML version is read, also without a namespace.
@@ -66,16 +69,7 @@ def read_drawing(text: str) -> Drawing:
     parser.CharacterDataHandler = reader.text
     parser.StartDoctypeDeclHandler = reader.refuse_document_type
     reader.line = lambda: parser.CurrentLineNumber
-    try:
-        parser.Parse(clean.text.encode("utf-8"), True)
-    except expat.ExpatError as error:
-        raise FormatError(f"invalid XML: {expat.errors.messages[error.code]}", where=f"line {error.lineno}") from None
-    except UnicodeEncodeError:
-        raise FormatError(
-            "the text contains an incomplete character (a lone surrogate)",
-            where="text",
-            advice="save the file as UTF-8",
-        ) from None
+    parse_xml(clean.text, parser)
     return reader.drawing()
 
 
@@ -234,7 +228,7 @@ class _DrawingReader:
 _FRAMES = {"absolute": Frame.AMSL, "relativeToGround": Frame.ABOVE_TERRAIN}
 
 
-def read_route(text: str) -> PointRoute:
+def read_kml_route(text: str) -> PointRoute:
     """Read the only line of a KML document that has heights.
 
     ``altitudeMode`` absolute is above mean sea level, relativeToGround above the terrain; a line that is clamped to the ground
@@ -272,3 +266,65 @@ def _stops(line: ElementTree.Element) -> list[RouteStop]:
         lon, lat, alt = (number_in(part, where) for part in numbers)
         stops.append(RouteStop(lat, lon, alt, frame))
     return stops
+
+
+# GPX 1.1, for GPS receivers and map programs: a mission's route with home as a waypoint of its own.
+#
+# Heights are above mean sea level, as GPS receivers show them. Elements stand in the order that the schema demands
+# (www.topografix.com/GPX/1/1/gpx.xsd); it takes longitudes from -180 to below 180 degrees.
+
+_KINDS = {Command.NAV_TAKEOFF: "take-off", Command.NAV_LAND: "landing"}
+
+
+def write_gpx(mission: Mission, *, name: str = "mission") -> str:
+    """Write a mission's route as GPX; ``ele`` is the height above mean sea level in metres.
+
+    Raises:
+        FormatError: an unknown height above mean sea level, a position that is none, or a name that XML cannot hold.
+    """
+    home = None if mission.home is None else _point(mission.home, "home", "home")
+    points = []
+    for point in route_of(mission):
+        item, kind = point.item, _KINDS.get(Command(point.item.command), "waypoint")
+        place = GeoPoint(item.lat_deg, item.lon_deg, alt_amsl_m(point, mission))
+        points.append(_point(place, str(point.number), kind))
+    return rendered("route.gpx.jinja", name=name, home=home, points=points)
+
+
+def _point(place: GeoPoint, name: str, kind: str) -> dict[str, str]:
+    where = "home" if name == "home" else f"item {name}"
+    check_place(place.lat_deg, place.lon_deg, where)
+    lat, lon = degrees_text(place.lat_deg, where), degrees_text(place.lon_deg, where)
+    if float(lon) >= 180.0:
+        lon = degrees_text(-180.0, where)  # the same meridian
+    ele = plain_decimal(place.alt_amsl_m, where)
+    return {"lat": lat, "lon": lon, "ele": ele, "name": name, "kind": kind}
+
+
+def read_gpx_route(text: str) -> PointRoute:
+    """Read the only route of a GPX document, or where it has none its only track.
+
+    Raises:
+        FormatError: no GPX, no or several routes, or a point without place or height, with its number.
+    """
+    root, repairs = xml_root(text)
+    if local_name(root) != "gpx":
+        raise FormatError(f"the root element is {local_name(root)[:40]!r}", where="XML", advice="use a GPX file")
+    routes = [element for element in root if local_name(element) == "rte"]
+    tracks = [element for element in root if local_name(element) == "trk"]
+    chosen = routes or tracks
+    if len(chosen) != 1:
+        what = "routes" if routes else "routes or tracks"
+        raise FormatError(f"{len(chosen)} {what}", where="gpx", advice="save only one of them")
+    stops = []
+    points = [element for element in chosen[0].iter() if local_name(element) in ("rtept", "trkpt")]
+    for number, point in enumerate(points, start=1):
+        where = f"point {number}"
+        lat, lon = (number_in(point.get(name), f"{where}, {name}") for name in ("lat", "lon"))
+        height = child_text(point, "ele")
+        if height is None:
+            raise FormatError(
+                "the point has no height (ele)", where=where, advice="export the route with heights above sea level"
+            )
+        stops.append(RouteStop(lat, lon, number_in(height, f"{where}, ele"), Frame.AMSL))
+    return route_from_stops(stops, repairs=repairs)
