@@ -9,13 +9,15 @@ import shapely
 from tests.naive.flown_line import arducopter, passed_corners
 from tests.planner.sites import EXACT, make_site, tower
 from uavcover.errors import InfeasibleError
-from uavcover.missions.corner_checks import (
+from uavcover.missions.leg_checks import (
+    LegProblem,
     corner_excess_around_m,
     corner_excess_m,
     corner_heights_off_m,
     find_corner_problems,
+    find_problems,
+    measure_violations,
 )
-from uavcover.missions.leg_checks import LegProblem, find_problems, measure_violations
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.objectives import judge_member
 from uavcover.model.no_fly import NoFly

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.planner.sites import make_site
-from uavcover.missions.energy import FlightEnergy
-from uavcover.missions.way_cost import mission_cost_of
+from uavcover.missions.way_cost import FlightEnergy, mission_cost_of
 from uavcover.model.vehicle import Wind
 
 ROUTE = np.array([[40.0, 20.0, 90.0], [220.0, 35.0, 101.0], [250.0, 150.0, 88.0], [60.0, 140.0, 93.0]])

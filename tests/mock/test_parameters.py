@@ -8,7 +8,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.enums import AutopilotId
 from mission_io.wire import messages as m
 from tests.mock.bench import ready
-from uavcover.missions.failsafe_parameters import failsafe_parameter_groups
+from uavcover.missions.failsafes import failsafe_parameter_groups
 from uavcover.mock.behaviour import PARAMETERS, Settings
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -18,7 +18,7 @@ from uavcover.errors import ScenarioError
 from uavcover.extras.fleet.command import FleetFailedError
 from uavcover.extras.fleet.jobs import planned_jobs
 from uavcover.flight.connect import home_of
-from uavcover.missions.separation import pieces_of, unsafe_starts
+from uavcover.missions.fleet_schedule import pieces_of, unsafe_starts
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.limits import Home
 from uavcover.planner.command import PlanOutcome, PlanRequest, plan_into

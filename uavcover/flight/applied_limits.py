@@ -17,7 +17,7 @@ from uavcover.flight.limit_table import Limit, Weight, limit_table, parameter_gr
 from uavcover.flight.precautions import Precautions
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import PREPARATION
-from uavcover.missions.failsafe_parameters import failsafe_parameter_groups
+from uavcover.missions.failsafes import failsafe_parameter_groups
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 from uavcover.model.vehicle import AutopilotName

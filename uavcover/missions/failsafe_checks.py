@@ -10,13 +10,13 @@ import shapely
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.obstacle_breach import tops_near_m
-from uavcover.missions.failsafe_parameters import FailsafeSettings
 from uavcover.missions.failsafe_path import predict
-from uavcover.missions.failsafe_states import (
+from uavcover.missions.failsafes import (
     HOME,
     Danger,
     Destinations,
     FailsafePaths,
+    FailsafeSettings,
     FlightStates,
     Stage,
     UnsafeReturn,

@@ -10,9 +10,8 @@ from uavcover.kernels import route as kernels
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import flight_time
 from uavcover.kernels.way_cost import ENERGY, route_cost
-from uavcover.missions.corner_checks import corner_excess_m
 from uavcover.missions.flight_costs import MissionCost, mission_cost
-from uavcover.missions.leg_checks import measure_violations, route_height_range_m
+from uavcover.missions.leg_checks import corner_excess_m, measure_violations, route_height_range_m
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.scenario.pace import pace_of

@@ -45,7 +45,7 @@ from uavcover.extras.benchmarks.coverage.runs import (
 )
 from uavcover.extras.benchmarks.coverage.summary import CoverageOutcome, Outcomes, is_no_worse, read_outcomes
 from uavcover.extras.benchmarks.runs import KeptRuns
-from uavcover.missions.corner_checks import corner_excess_m
+from uavcover.missions.leg_checks import corner_excess_m
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import (
     PLAIN_TOLERANCE_M,

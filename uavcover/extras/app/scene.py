@@ -15,7 +15,7 @@ import shapely
 
 from uavcover.errors import InputError, UavcoverError
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.missions.failsafe_states import IN_PLACE
+from uavcover.missions.failsafes import IN_PLACE
 from uavcover.missions.leg_checks import LegProblem, find_problems, find_waypoint_problems
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan

@@ -27,7 +27,7 @@ from uavcover.extras.check.planned_view import MissionView, ViewQuery, planned_v
 from uavcover.extras.check.return_checks import OwnReturn
 from uavcover.extras.check.world import FenceSource, Limits
 from uavcover.flight.vehicle_terrain import ElevationData
-from uavcover.missions.failsafe_parameters import failsafe_settings
+from uavcover.missions.failsafes import failsafe_settings
 from uavcover.model.active_times import window_of
 from uavcover.model.judgement import VerdictName
 from uavcover.model.no_fly import NoFly

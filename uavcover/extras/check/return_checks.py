@@ -16,9 +16,16 @@ from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
-from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings
 from uavcover.missions.failsafe_path import wings_return
-from uavcover.missions.failsafe_states import IN_PLACE, Danger, Destinations, FlightStates, UnsafeReturn
+from uavcover.missions.failsafes import (
+    IN_PLACE,
+    Danger,
+    Destinations,
+    FailsafeSettings,
+    FlightStates,
+    UnsafeReturn,
+    failsafe_settings,
+)
 from uavcover.model.obstacles import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 

@@ -14,12 +14,12 @@ from mission_io.formats.litchi import MOST_WAYPOINTS, write_csv
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
 from uavcover.kernels.flight_time import landing_time, leg_times, takeoff_time
-from uavcover.missions.energy import longest_flight_in_words
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan, export_content
 from uavcover.missions.return_advice import ReturnAdvice
 from uavcover.missions.sorties import Sortie, compile_sorties
+from uavcover.missions.way_cost import longest_flight_in_words
 from uavcover.model.route import Route
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName

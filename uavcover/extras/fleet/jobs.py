@@ -11,9 +11,9 @@ from uavcover.extras.fleet.tuning import FLEET
 from uavcover.extras.fleet.upload import require_at_once
 from uavcover.flight.connect import require_home
 from uavcover.flight.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
+from uavcover.missions.fleet_schedule import Timeline, timeline_of
 from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.sorties import Sortie
-from uavcover.missions.timeline import Timeline, timeline_of
 from uavcover.model.route import Route
 from uavcover.run.flight_folders import TRACK, is_alike, read_planned
 from uavcover.run.folder import RunFolder

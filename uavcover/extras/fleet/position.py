@@ -7,8 +7,7 @@ from enum import Enum
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.separation import PathPieces
-from uavcover.missions.timeline import Timeline
+from uavcover.missions.fleet_schedule import PathPieces, Timeline
 from uavcover.model.vehicle import Fleet
 
 _KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0

@@ -14,8 +14,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.extras.fleet.position import FleetPhase, FleetPosition
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.separation import pieces_of, segment_distances_m, unsafe_starts
-from uavcover.missions.timeline import Timeline
+from uavcover.missions.fleet_schedule import Timeline, pieces_of, segment_distances_m, unsafe_starts
 from uavcover.model.vehicle import Fleet
 
 _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
