@@ -31,8 +31,8 @@ from uavcover.extras.check.mission_file import read_mission_file, read_parameter
 from uavcover.extras.photos.doubts import missing_stretches
 from uavcover.extras.photos.placing import Assumptions, place_pictures
 from uavcover.extras.photos.readers import read_pictures
-from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.track import COLUMNS
+from uavcover.model.verdict import Judgement, noted, unproved
 from uavcover.run.track_file import read_track_with_warnings
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import read_obstacles

@@ -12,7 +12,7 @@ from uavcover.errors import InputError
 from uavcover.flight.own_links import VehiclePlace, given_places, links_of_run, links_of_scenario, require_different
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import dump_scenario
-from uavcover.scenario.vehicle_areas import vehicle_scenario
+from uavcover.scenario.vehicles import vehicle_scenario
 
 ONE, OTHER = 'link = "udpin://127.0.0.1:14550"\n', 'link = "udpin://127.0.0.1:14560"\n'
 MOCK = VehiclePlace("mock:")

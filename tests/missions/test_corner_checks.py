@@ -20,8 +20,7 @@ from uavcover.missions.leg_checks import (
 )
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.objectives import judge_member
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import NoFly, Obstacles
 from uavcover.model.route import Route
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import judging_map

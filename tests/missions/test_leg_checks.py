@@ -12,7 +12,7 @@ from uavcover.missions.leg_checks import (
     measure_violations,
     route_height_range_m,
 )
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.scenario.site import Site
 
 

@@ -19,7 +19,7 @@ from uavcover.missions.mission_compiler import (
 )
 from uavcover.missions.mission_files import export_text
 from uavcover.missions.transit import transit
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.route import Route
 from uavcover.model.vehicle import PowerModel, Wind
 

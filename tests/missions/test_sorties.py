@@ -20,7 +20,7 @@ from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.objectives import judge
 from uavcover.missions.sorties import Sortie, check_reach, compile_sorties
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
 from uavcover.model.vehicle import PowerModel, Wind

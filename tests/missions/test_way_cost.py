@@ -13,12 +13,12 @@ from uavcover.kernels.way_cost import ENERGY, LENGTH, NO_DETOURS, TIME, route_co
 from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.way_cost import detours, mission_cost_of, power_of, way_cost_of
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.vehicle import Vehicle, Wind
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicles import pace_of
 
 AT_ONCE = {"max_airspeed_m_s": 12.0, "acceleration_m_s2": math.inf}
 WINDY = with_scenario(make_site(vehicle=AT_ONCE), wind=Wind(speed_m_s=8.0, from_deg=270.0))

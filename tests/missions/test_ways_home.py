@@ -17,7 +17,7 @@ from uavcover.missions.mission_compiler import (
 )
 from uavcover.missions.return_advice import return_advice
 from uavcover.missions.transit import transit
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.scenario.site import Site
 
 

@@ -25,10 +25,9 @@ from uavcover.planner.command import PlanOutcome, PlanRequest, plan_into
 from uavcover.planner.fleet_parts import part_sites
 from uavcover.planner.fleet_shares import is_one_flight_each
 from uavcover.run.folder import RunFolder
-from uavcover.scenario.pads import on_pads
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import on_pads, vehicle_sites
 from uavcover.sensing.site_maps import judging_map
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses

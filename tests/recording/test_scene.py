@@ -9,8 +9,7 @@ import shapely
 
 from tests.planner.sites import flat, hills, make_site
 from tests.recording.flights import Flight
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.limits import NoFly, Obstacle, Obstacles
 from uavcover.recording import layout
 from uavcover.recording.blueprint import LEGEND_TEXT
 from uavcover.recording.scene import obstacle_triangles_m, relief_mesh, scene_bounds_m, waypoint_labels, zone_lines_m

@@ -15,14 +15,11 @@ from tests.missions.test_leg_checks import tower
 from tests.planner.sites import flat, make_site
 from uavcover.errors import ScenarioError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.limits import Home
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Home, NoFly, Obstacles
 from uavcover.model.vehicle import Fleet
-from uavcover.scenario.pads import on_pads
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import on_pads, vehicle_sites
 
 HOME = np.array([-100.0, 50.0])
 

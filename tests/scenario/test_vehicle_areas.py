@@ -11,7 +11,7 @@ from uavcover.errors import ScenarioError
 from uavcover.model.area import Area, Outline
 from uavcover.model.vehicle import Fleet, Vehicle
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import groups_of, own_parts
+from uavcover.scenario.vehicles import groups_of, own_parts
 
 AREA = (0.0, 0.0, 300.0, 200.0)
 HOLE = shapely.box(100.0, 50.0, 120.0, 70.0)

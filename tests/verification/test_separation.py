@@ -8,10 +8,10 @@ import pytest
 
 from tests.naive.separation import least_distance
 from tests.planner.sites import make_site
-from uavcover.model.judgement import Effect, Judgement
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.track import Track
 from uavcover.model.vehicle import Fleet
+from uavcover.model.verdict import Effect, Judgement
 from uavcover.scenario.site import Site
 from uavcover.verification.run_logs import shared_times
 from uavcover.verification.separation import Separation, judge_separation

@@ -187,7 +187,7 @@ def _with_options(source: str, survey: SurveyOptions, console: "Console") -> "Si
     """The scenario on its ground, with the zones of more files, another time of flight, and its heights confirmed."""
     from dataclasses import replace
 
-    from uavcover.model.terrain import RasterTerrain
+    from uavcover.model.area import RasterTerrain
     from uavcover.new.quantities import flight_window
     from uavcover.new.tuning import TEXT
     from uavcover.scenario.scenario_file import load_scenario, with_no_fly

@@ -8,7 +8,7 @@ import typer
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
     from uavcover.flight.vehicle_terrain import ElevationData
-    from uavcover.model.detection import DetectionCurve
+    from uavcover.new.detection import DetectionCurve
     from uavcover.new.elevation_questions import NewRequest
 
 # Options for the accuracy of photos, and for the target of a search, of ``judge-photos`` and ``verify``.

@@ -45,8 +45,8 @@ from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import load
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 
 if TYPE_CHECKING:  # who sends a file has no plan
     from uavcover.flight.resume import Unfinished

@@ -22,7 +22,7 @@ from uavcover.missions.failsafes import (
     UnsafeReturn,
     joined_returns,
 )
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.obstacles import Prism, leg_breaches
 from uavcover.terrain.frames import LocalFrame

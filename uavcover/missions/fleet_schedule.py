@@ -18,8 +18,8 @@ from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
 from uavcover.missions.sorties import Sortie
 from uavcover.model.vehicle import AutopilotName, Fleet
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.sensors import trigger_distance_m
 
 

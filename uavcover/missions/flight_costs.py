@@ -14,8 +14,8 @@ from uavcover.missions.transit import check_way_home, check_way_there, transit
 from uavcover.missions.way_cost import FlightEnergy, mission_cost_of, usable_s
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site, once
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.sensors import trigger_distance_m
 
 

@@ -10,7 +10,7 @@ from uavcover.missions.sorties import Sortie, compile_sorties, compile_unlike_so
 from uavcover.model.route import MissionSize, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, once
-from uavcover.scenario.vehicle_areas import groups_of, vehicle_sites
+from uavcover.scenario.vehicles import groups_of, vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
 """Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench/fleet.py)."""

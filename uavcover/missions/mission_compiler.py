@@ -56,8 +56,8 @@ from uavcover.model.sensor import Sensor
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.airspace.flyable import is_wall
 from uavcover.scenario.airspace.zones import Zone
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.terrain.frames import LocalFrame
 

@@ -22,8 +22,8 @@ from uavcover.missions.mission_compiler import CompiledMission, MissionTooLongEr
 from uavcover.missions.way_cost import battery_in_words, longest_flight_in_words
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 

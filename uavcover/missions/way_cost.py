@@ -23,8 +23,8 @@ from uavcover.kernels.way_cost import (
 )
 from uavcover.missions.transit import transit
 from uavcover.model.vehicle import AutopilotName, Vehicle, Wind
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site, once
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.sensors import trigger_distance_m
 
 

@@ -6,12 +6,9 @@ from typing import ClassVar, Literal
 
 from uavcover.kernels.sight import MIDPOINT
 from uavcover.model.active_times import Window, window_of
-from uavcover.model.area import Area
-from uavcover.model.limits import FlightLimits, Home
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.area import Area, Terrain
+from uavcover.model.limits import FlightLimits, Home, NoFly, Obstacles
 from uavcover.model.sensor import Sensor
-from uavcover.model.terrain import Terrain
 from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
 from uavcover.model.vehicle import Fleet, Vehicle, Wind
 

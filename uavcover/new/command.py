@@ -12,7 +12,7 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.missions.flight_costs import mission_time_s
 from uavcover.missions.sorties import compile_sorties
 from uavcover.model.active_times import window_of
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.model.route import Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.new import quantities
@@ -49,7 +49,7 @@ from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_height_amsl_m
 from uavcover.terrain.elevation_trust import trust_asked_for
-from uavcover.terrain.vertical import datum_named
+from uavcover.terrain.file_heights import datum_named
 
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
 

@@ -1,18 +1,48 @@
-"""Curves of detection by name or from a file: what one look finds, by ground sample distance and angle."""
+"""Probability that one look finds the object: named, measured or assumed curves."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.detection import DetectionTable, detection_table
-from uavcover.model.detection import INDEPENDENT, DetectionCurve
 from uavcover.new.catalog import checked_row, find_name, number_of, read_catalog, read_own_row
 from uavcover.new.tuning import SURVEY
+
+Independent = Literal["sides", "pictures", "none"]
+INDEPENDENT: tuple[Independent, ...] = ("sides", "pictures", "none")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectionCurve:
+    """The probability that a look finds the target, over ground sample distance and angle off the vertical.
+
+    Attributes:
+        name: in the table that comes with the package, or of the file.
+        title: for people.
+        source: where the values are from.
+        table: of it.
+        independent: which looks at one place count as independent chances: the best from each side (``sides``), every photo
+            (``pictures``), or only the best of all (``none``).
+        is_example: whether it comes with the package: a rule of thumb that was not measured for these photos.
+    """
+
+    name: str
+    title: str
+    source: str
+    table: DetectionTable
+    independent: Independent = "sides"
+    is_example: bool = False
+
+    @property
+    def half_at_m(self) -> float:
+        """The coarsest ground sample distance with which half of the looks straight down find the target; NaN: none."""
+        found = np.flatnonzero(self.table.probability[0] >= 0.5)
+        return float(self.table.sample_m[found[-1]]) if found.size else float("nan")
 
 
 def all_curves() -> tuple[DetectionCurve, ...]:

@@ -28,7 +28,7 @@ from uavcover.run.provenance import note_files, sha256_of_content
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import own_sensors, vehicle_sites
+from uavcover.scenario.vehicles import own_sensors, vehicle_sites
 from uavcover.sensing.site_maps import map_for
 from uavcover.verification.command import judge_run, say_inputs
 from uavcover.verification.gaps import gaps_geojson

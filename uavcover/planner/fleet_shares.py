@@ -20,7 +20,7 @@ from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.planner.division import FlightWork, divide, flight_work
 from uavcover.planner.fleet_parts import Soonest, part_sites, plan_of_parts
 from uavcover.scenario.site import Site, area_as_drawn
-from uavcover.scenario.vehicle_areas import Piece, vehicle_sites
+from uavcover.scenario.vehicles import Piece, vehicle_sites
 
 _log = logging.getLogger(__name__)
 

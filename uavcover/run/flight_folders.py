@@ -10,7 +10,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.user import to_paste
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import vehicle_sites
 
 # The plan of a run folder, read back.
 

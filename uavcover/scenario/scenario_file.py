@@ -16,12 +16,10 @@ from pydantic_core import ErrorDetails
 
 from mission_io.errors import MissionIoError
 from uavcover.errors import InputError, ScenarioError
-from uavcover.model.area import Area
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.area import Area, RasterTerrain, Terrain
+from uavcover.model.limits import NoFly, Obstacles
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import Sensor
-from uavcover.model.terrain import RasterTerrain, Terrain
 from uavcover.plugins import load, registered
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES

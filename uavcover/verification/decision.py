@@ -12,9 +12,19 @@ from typing import Any
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.judgement import Finding, Judgement, Requirement, fails, noted, unproved
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, percent_beside
+from uavcover.model.verdict import (
+    CellStatistics,
+    CoverageMoment,
+    Finding,
+    Judgement,
+    Requirement,
+    Unobserved,
+    fails,
+    noted,
+    percent_beside,
+    unproved,
+)
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 
 from mission_io.model.plain_text import counted
 from uavcover.model.active_times import window_of
-from uavcover.model.judgement import Holds, Requirement
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import LIMIT_OF, VerificationReport, percent_beside
+from uavcover.model.verdict import LIMIT_OF, Holds, Requirement, VerificationReport, percent_beside
 
 _OTHERS: Mapping[Requirement, str] = {
     "photos": "Photos taken",

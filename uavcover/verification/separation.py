@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.judgement import Finding, fails, unproved
 from uavcover.model.track import Track
-from uavcover.model.verdict import PairSeparation, Violation
+from uavcover.model.verdict import Finding, PairSeparation, Violation, fails, unproved
 from uavcover.scenario.site import Site
 from uavcover.verification.possible_motion import MotionLimits, motion_limits
 from uavcover.verification.run_logs import SharedTimes, shared_times

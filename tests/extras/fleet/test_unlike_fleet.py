@@ -28,8 +28,7 @@ from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.limits import Home
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import Home, NoFly
 from uavcover.model.route import Route
 from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.sortie_order.reorder import _done_s
@@ -38,7 +37,7 @@ from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import vehicle_sites
 from uavcover.verification.command import verify_run
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses

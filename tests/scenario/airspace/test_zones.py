@@ -6,7 +6,7 @@ import shapely
 
 from tests.naive.zones import enters
 from tests.planner.sites import flat, make_site
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.scenario.airspace.zones import ZoneCheck, around_circle, local_zones
 
 EVERYWHERE = shapely.box(-1e5, -1e5, 1e5, 1e5)

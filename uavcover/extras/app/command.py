@@ -56,7 +56,7 @@ def edit(
     from uavcover.run.flight_folders import read_planned
     from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
     from uavcover.run.user import to_paste
-    from uavcover.scenario.vehicle_areas import groups_of
+    from uavcover.scenario.vehicles import groups_of
 
     console = output.console()
     began_s = time.monotonic()

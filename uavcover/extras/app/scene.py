@@ -20,8 +20,8 @@ from uavcover.missions.leg_checks import LegProblem, find_problems, find_waypoin
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.return_advice import flight_states
+from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Route
-from uavcover.model.terrain import RasterTerrain
 from uavcover.planner.pareto_file import ParetoRow
 from uavcover.report.cell_layers import (
     SEEN_RGB,

@@ -36,8 +36,8 @@ from uavcover.kernels.flight_time import landing_time, takeoff_time
 from uavcover.missions.sorties import compile_sorties
 from uavcover.missions.transit import transit
 from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 
 SPEED_M_S, ACCELERATION_M_S2, REACH_M = 3.0, 1.0, 1.5
 REQUIRED = 0.9999

@@ -37,9 +37,8 @@ from uavcover.extras.check.tuning import CHECKS, WORLD
 from uavcover.extras.check.turns import in_turns, turns_of
 from uavcover.extras.check.world import FenceSource, Limits, Surroundings, World, local_fence
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.judgement import Judgement, VerdictName
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle
+from uavcover.model.limits import NoFly, Obstacle
+from uavcover.model.verdict import Judgement, VerdictName
 from uavcover.new.tuning import TERRAIN
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.obstacles import Prism

@@ -29,10 +29,9 @@ from uavcover.extras.check.world import FenceSource, Limits
 from uavcover.flight.vehicle_terrain import ElevationData
 from uavcover.missions.failsafes import failsafe_settings
 from uavcover.model.active_times import window_of
-from uavcover.model.judgement import VerdictName
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle
+from uavcover.model.limits import NoFly, Obstacle
 from uavcover.model.vehicle import AutopilotName, autopilot_name
+from uavcover.model.verdict import VerdictName
 from uavcover.new.catalog import VehicleType, vehicle_named
 from uavcover.run.user import User
 from uavcover.scenario.airspace.zone_file import read_zones

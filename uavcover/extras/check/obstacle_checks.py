@@ -13,7 +13,7 @@ from uavcover.extras.check.findings import CheckFinding, FlownPath, joined
 from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.limits import Obstacle, Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.obstacles import Footprint, Prism, leg_breaches, stand_on
 from uavcover.terrain.frames import LocalFrame

@@ -18,11 +18,10 @@ from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.observation_counting import SensorPoses
-from uavcover.model.area import Area, Rings
+from uavcover.model.area import Area, RasterTerrain, Rings
 from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
-from uavcover.model.terrain import RasterTerrain
 from uavcover.model.verdict import percent_beside
 from uavcover.new.catalog import CameraBody, camera_named
 from uavcover.new.quantities import overlaps

@@ -26,7 +26,7 @@ from uavcover.missions.failsafes import (
     UnsafeReturn,
     failsafe_settings,
 )
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 
 _LANDING_STARTS = (188, 189)

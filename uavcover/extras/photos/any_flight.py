@@ -18,7 +18,7 @@ from uavcover.extras.photos.picture import survey_as_flown
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import LISTS, LOGS, read_pictures, reports_pictures
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.judgement import Requirement, noted
+from uavcover.model.verdict import Requirement, noted
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.new.quantities import length_m
 from uavcover.run.folder import SCHEMA_VERSION, VERDICT_FILES, RunFolder

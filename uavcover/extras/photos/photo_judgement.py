@@ -17,9 +17,9 @@ from uavcover.extras.photos.placing import Assumptions, PlacedPictures, place_pi
 from uavcover.extras.photos.readers import PictureSet
 from uavcover.extras.photos.showing import detection_document, detection_doubts, shown_cells
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.detection import DetectionCurve
-from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement
 from uavcover.model.sensor import FrameCamera
+from uavcover.model.verdict import Effect, Finding, Holds, Judgement, Requirement
+from uavcover.new.detection import DetectionCurve
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import User
 from uavcover.scenario.site import Site

@@ -11,8 +11,8 @@ from uavcover.extras.photos.picture import HeightDatum, Picture
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera
 from uavcover.sensing.pictures import camera_axes
+from uavcover.terrain.file_heights import Undulation
 from uavcover.terrain.frames import LocalFrame
-from uavcover.terrain.vertical import Undulation
 
 _NO_COURSE_M = 0.5
 _ROUGHLY_M = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)

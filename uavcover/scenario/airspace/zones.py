@@ -19,7 +19,7 @@ from uavcover.errors import ScenarioError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.obstacle_breach import edge_distances_m, parts_over
 from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 
