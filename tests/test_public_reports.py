@@ -28,8 +28,7 @@ from tests.verification.test_dates import BOUNDS, NOON_S, track_at
 from tests.verification.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
 from uavcover.errors import InputError, TrackError
 from uavcover.extras.check.mission_file import read_mission_file, read_parameter_file
-from uavcover.extras.photos.doubts import missing_stretches
-from uavcover.extras.photos.placing import Assumptions, place_pictures
+from uavcover.extras.photos.placing import Assumptions, missing_stretches, place_pictures
 from uavcover.extras.photos.readers import read_pictures
 from uavcover.model.track import COLUMNS
 from uavcover.model.verdict import Judgement, noted, unproved

@@ -12,7 +12,7 @@ from rasterio.warp import transform
 
 from tests.cli.conftest import Cli, files
 from uavcover.missions.mission_files import compile_plan
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import seal_flight
 from uavcover.sensing.site_maps import judging_map

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tests.cli.conftest import Cli
 from uavcover.missions.mission_files import compile_plan, export_text
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 
 

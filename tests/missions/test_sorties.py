@@ -26,7 +26,7 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.model.vehicle import PowerModel, Wind
 from uavcover.planner.plan_files import save_plan
 from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.run.flight_folders import flown_tracks, read_planned
+from uavcover.run.documents import flown_tracks, read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site

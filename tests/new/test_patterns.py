@@ -3,7 +3,7 @@
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.new.scenario_text import SINGLE, views_of
+from uavcover.new.survey import SINGLE, views_of
 from uavcover.new.tuning import SURVEY
 
 

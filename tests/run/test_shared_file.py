@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from uavcover.errors import UavcoverError
-from uavcover.run import shared_file
-from uavcover.run.shared_file import can_share_files, read_shared, share
+from uavcover.run import scheduling
+from uavcover.run.scheduling import can_share_files, read_shared, share
 
 pytestmark = pytest.mark.skipif(not can_share_files(), reason="needs /proc")
 
@@ -61,7 +61,7 @@ def test_a_full_disk_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> Non
             self.closed = True
 
     full = Full()
-    monkeypatch.setattr(shared_file.tempfile, "TemporaryFile", lambda: full)
+    monkeypatch.setattr(scheduling.tempfile, "TemporaryFile", lambda: full)
     with pytest.raises(UavcoverError, match=r"^--scheduler: cannot write .*No space left on device.*TMPDIR"):
         share("site")
     assert full.closed

@@ -9,7 +9,7 @@ from tests.verification.flights import Flight, changed, reasons
 from tests.verification.flights import make_site as nimble_site
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import SphereSensor
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map

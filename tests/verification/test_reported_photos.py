@@ -10,7 +10,7 @@ from tests.falsifying.honest_run import SURVEY, Field, make_site, save_lines
 from tests.verification.flights import changed
 from uavcover.mock.faults import parse_fault
 from uavcover.planner.close_gaps import plan_gap_mission
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map

@@ -113,7 +113,7 @@ def fly(
     from uavcover.flight.own_links import links_of_run
     from uavcover.model.outcome import Ending
     from uavcover.plugins import load
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import to_paste
 

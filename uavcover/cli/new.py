@@ -42,7 +42,7 @@ def new(
     if "list" in (survey.camera, survey.vehicle):
         return _list(console, cameras=survey.camera == "list", vehicles=survey.vehicle == "list")
     from uavcover.new.command import new_scenarios, say_design, say_estimate
-    from uavcover.new.scenario_text import name_of  # the lists need no planner
+    from uavcover.new.survey import name_of  # the lists need no planner
     from uavcover.run.user import to_paste
 
     if area is None:

@@ -54,7 +54,7 @@ def select(
     )
     from uavcover.planner.select import choose
     from uavcover.planner.selection_rule import parse_rule
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder, flown_in
 
     console = output.console()

@@ -151,7 +151,7 @@ def plan_upload(
     from uavcover.flight.upload import upload_run
     from uavcover.planner.command import PlanRequest, plan_into
     from uavcover.plugins import load
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import to_paste
 

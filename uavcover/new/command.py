@@ -26,8 +26,17 @@ from uavcover.new.elevation_questions import (
     over_lakes,
     surface_asked_for,
 )
-from uavcover.new.scenario_text import SurveyScenario, View, name_of, return_height_m, scenario_text, views_of
-from uavcover.new.survey import SurveyDesign, SurveyWish, design_survey
+from uavcover.new.survey import (
+    SurveyDesign,
+    SurveyScenario,
+    SurveyWish,
+    View,
+    design_survey,
+    name_of,
+    return_height_m,
+    scenario_text,
+    views_of,
+)
 from uavcover.new.terrain_look import SurfaceLook, TerrainLook, look_at_terrain, place_for_home
 from uavcover.new.tuning import TERRAIN
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon

@@ -21,7 +21,7 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.planner.gap_route import ClosingRoute, plan_closing_route
 from uavcover.planner.plan_files import save_plan
-from uavcover.run.flight_folders import GAP_FOLDER, flown_tracks
+from uavcover.run.documents import GAP_FOLDER, flown_tracks
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
 from uavcover.run.provenance import note_files, sha256_of_content

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from uavcover.errors import OptimizerError
-from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
-from uavcover.extras.benchmarks.mmf.summary import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
+from uavcover.extras.benchmarks.mmf.problems import reference_sets
+from uavcover.extras.benchmarks.mmf.runs import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 2.0]])
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, two_peaks
-from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, reference_sets, two_peaks
 
 # Rows of the reference files, from the suite's own description.
 ROWS = {

@@ -12,9 +12,9 @@ from mission_io.model.items import Command
 from tests.extras.check.test_checks import checked, found
 from tests.extras.check.worlds import COPTER, PLANE, home, item, lat_lon, mission, up, way, world
 from tests.naive import turn as naive
-from uavcover.extras.check.aircraft import default_aircraft, radius_of_bank_m
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.turns import turns_of
+from uavcover.extras.check.world import default_aircraft, radius_of_bank_m
 
 EARLY = dataclasses.replace(PLANE, acceptance_m=60.0, return_height_m=130.0)
 

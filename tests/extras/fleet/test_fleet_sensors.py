@@ -21,7 +21,7 @@ from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.planner.command import plan_into
 from uavcover.planner.fleet_parts import first_paces, part_sites
-from uavcover.run.flight_folders import read_planned, site_for
+from uavcover.run.documents import read_planned, site_for
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from uavcover.errors import InfeasibleError
-from uavcover.extras.fleet.position import FleetPhase
-from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.traffic import FleetPhase, Traffic
 from uavcover.missions.fleet_schedule import Timeline
 from uavcover.model.vehicle import Fleet
 

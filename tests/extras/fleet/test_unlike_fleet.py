@@ -33,7 +33,7 @@ from uavcover.model.route import Route
 from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.sortie_order.reorder import _done_s
 from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tests.extras.photos.test_placing import FRAME, picture
-from uavcover.extras.photos.doubts import height_doubts, missing_stretches
 from uavcover.extras.photos.picture import HeightDatum
-from uavcover.extras.photos.placing import Assumptions, place_pictures
+from uavcover.extras.photos.placing import Assumptions, height_doubts, missing_stretches, place_pictures
 from uavcover.terrain.ground import grid_ground
 
 

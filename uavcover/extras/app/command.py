@@ -53,7 +53,7 @@ def edit(
     from uavcover.model.route import Plan, Route
     from uavcover.model.vehicle import autopilot_name
     from uavcover.planner.plan_files import save_plan
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
     from uavcover.run.user import to_paste
     from uavcover.scenario.vehicles import groups_of

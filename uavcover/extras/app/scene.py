@@ -32,7 +32,7 @@ from uavcover.report.cell_layers import (
 )
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import gap_data, layer_data, rings_of, zone_data
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, area_as_drawn, load_site

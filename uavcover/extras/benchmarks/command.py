@@ -71,10 +71,9 @@ def bench_coverage(
     You can stop the benchmark at any time and repeat the command to continue. The most informative runs come first. A
     run with a long budget also provides the results of shorter budgets. Results: table.md, runs.csv and coverage.png.
     """
-    from uavcover.extras.benchmarks.coverage.contenders import CONTENDERS
     from uavcover.extras.benchmarks.coverage.judging import CASES
     from uavcover.extras.benchmarks.coverage.results import write_results
-    from uavcover.extras.benchmarks.coverage.runs import make_runs, wanted_runs
+    from uavcover.extras.benchmarks.coverage.runs import CONTENDERS, make_runs, wanted_runs
     from uavcover.extras.benchmarks.runs import KeptRuns
 
     console = output.console()
@@ -189,8 +188,8 @@ def bench_link(
     mission_io over UDP and MAVSDK over UDP. You can stop the benchmark at any time and repeat the command to continue.
     Results: outcomes.csv with every transfer, link.csv and link.md.
     """
+    from uavcover.extras.benchmarks.link.peers import CLIENTS, cells_of, csv_lines, markdown
     from uavcover.extras.benchmarks.link.runs import read_outcomes, run_missing, trials
-    from uavcover.extras.benchmarks.link.trials import CLIENTS, cells_of, csv_lines, markdown
     from uavcover.run.folder import write_text
 
     console = output.console()

@@ -10,10 +10,9 @@ from shapely.geometry.base import BaseGeometry
 
 from mission_io.model.areas import FramedPoint
 from mission_io.model.items import Command, Frame, Mission
-from uavcover.extras.check.aircraft import Aircraft, default_aircraft
 from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight, along_m, places_at
 from uavcover.extras.check.tuning import CHECKS
-from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
+from uavcover.extras.check.world import Aircraft, Limits, LocalFence, Surroundings, World, default_aircraft
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
 from uavcover.missions.failsafe_path import wings_return

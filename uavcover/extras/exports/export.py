@@ -24,8 +24,8 @@ from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import registered
+from uavcover.run.documents import read_planned
 from uavcover.run.file_group import numbered, settle
-from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import pace_of

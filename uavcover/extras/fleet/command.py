@@ -10,9 +10,9 @@ import numpy as np
 
 from uavcover.errors import InputError, UavcoverError, VehicleError
 from uavcover.extras.fleet.board import Board
-from uavcover.extras.fleet.clock import FleetClock, RealClock
 from uavcover.extras.fleet.flight import FleetFlight, FleetOrders, Opening
 from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
+from uavcover.extras.fleet.sortie import FleetClock, RealClock
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, refuse_older_flight
 from uavcover.flight.connect import VehicleLink, connect
@@ -20,7 +20,7 @@ from uavcover.flight.own_links import VehiclePlace, require_different
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.close_gaps import GapRequest, close_gaps
 from uavcover.recording.writer import record_fleet
-from uavcover.run.flight_folders import TRACK, read_planned
+from uavcover.run.documents import TRACK, read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import note_files
 from uavcover.run.track_file import read_track

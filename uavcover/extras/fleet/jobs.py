@@ -15,7 +15,7 @@ from uavcover.missions.fleet_schedule import Timeline, timeline_of
 from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.sorties import Sortie
 from uavcover.model.route import Route
-from uavcover.run.flight_folders import TRACK, is_alike, read_planned
+from uavcover.run.documents import TRACK, is_alike, read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 

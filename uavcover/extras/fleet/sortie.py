@@ -1,9 +1,11 @@
-"""A sortie of a fleet: its ending, its vehicle's landing, its battery, and its return."""
+"""A sortie of a fleet, on the clock that all vehicles share: its ending, landing, battery and return."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,7 +15,6 @@ from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.items import Frame, Mission, MissionType
 from mission_io.wire.messages import GlobalPositionInt, HomePosition, SysStatus
 from uavcover.errors import InputError, UavcoverError, VehicleError
-from uavcover.extras.fleet.clock import FleetClock
 from uavcover.extras.fleet.jobs import Job
 from uavcover.extras.fleet.traffic import Traffic
 from uavcover.extras.fleet.tuning import FLEET
@@ -25,6 +26,46 @@ from uavcover.missions.flight_costs import way_home
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission
 from uavcover.model.outcome import Ending, FlightOutcome
 from uavcover.scenario.site import Site
+
+
+class FleetClock(Protocol):
+    """The clock that all vehicles of a fleet share, as the thread of one vehicle sees it."""
+
+    def now(self) -> float:
+        """Vehicle seconds; only differences mean something."""
+        ...
+
+    def wait(self, seconds: float) -> None:
+        """Let so much time pass."""
+        ...
+
+    def taking_part(self) -> AbstractContextManager[None]:
+        """As long as the calling thread follows a vehicle."""
+        ...
+
+
+class RealClock:
+    """The computer's clock, as fast as the vehicles fly.
+
+    Args:
+        speed: vehicle seconds per second.
+    """
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self._speed = speed
+
+    def now(self) -> float:
+        """Vehicle seconds."""
+        return time.monotonic() * self._speed
+
+    def wait(self, seconds: float) -> None:
+        """Sleep."""
+        time.sleep(seconds / self._speed)
+
+    @contextmanager
+    def taking_part(self) -> Iterator[None]:
+        """Nothing to do."""
+        yield
 
 
 @dataclass(slots=True)

@@ -10,7 +10,7 @@ from uavcover.flight.connect import Connected, VehicleLink, check_home, connect,
 from uavcover.flight.modes import require_multirotor
 from uavcover.flight.upload import send_and_compare
 from uavcover.missions.mission_files import compile_plan
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import User
 

@@ -7,9 +7,8 @@ from mission_io.errors import MissionIoError
 from uavcover.errors import InfeasibleError, UavcoverError
 from uavcover.extras.fleet.board import Board
 from uavcover.extras.fleet.jobs import Job, OnLoss, Queues, for_another, left_of, require_gain, rest_of, time_for
-from uavcover.extras.fleet.position import FleetPhase
 from uavcover.extras.fleet.sortie import FlownSortie, pace_home_m_s
-from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.traffic import FleetPhase, Traffic
 from uavcover.model.route import Route
 from uavcover.scenario.site import Site
 
