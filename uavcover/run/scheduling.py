@@ -4,7 +4,7 @@ A command sees tasks as functions of their arguments alone, and workers as somet
 does not know Dask: only :mod:`uavcover.run.cluster` does, and it is loaded when a scheduler is named.
 
 Input of all workers of this machine is in one file that they map into memory: large arrays exist once. The file has no name: it
-is gone with the command that wrote it, also when that is killed. Workers open it by the number that it has in the command (Linux).
+is gone with the command that wrote it, also when that is killed. Workers open it by its number in the command (Linux).
 """
 
 import hashlib
