@@ -19,23 +19,16 @@ INDEPENDENT: tuple[Independent, ...] = ("sides", "pictures", "none")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectionCurve:
-    """The probability that a look finds the target, over ground sample distance and angle off the vertical.
+    """The probability that a look finds the target, over ground sample distance and angle off the vertical."""
 
-    Attributes:
-        name: in the table that comes with the package, or of the file.
-        title: for people.
-        source: where the values are from.
-        table: of it.
-        independent: which looks at one place count as independent chances: the best from each side (``sides``), every photo
-            (``pictures``), or only the best of all (``none``).
-        is_example: whether it comes with the package: a rule of thumb that was not measured for these photos.
-    """
-
-    name: str
-    title: str
-    source: str
-    table: DetectionTable
+    name: str  # in the table that comes with the package, or of the file
+    title: str  # for people
+    source: str  # where the values are from
+    table: DetectionTable  # of it
+    # which looks at one place count as independent chances: the best from each side (``sides``), every photo
+    # (``pictures``), or only the best of all (``none``)
     independent: Independent = "sides"
+    # whether it comes with the package: a rule of thumb that was not measured for these photos
     is_example: bool = False
 
     @property

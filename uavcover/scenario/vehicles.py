@@ -1,4 +1,4 @@
-"""The vehicles of a site: their speeds, the pads they stand on, and the site and the part of the area of each."""
+"""The vehicles of a site: their speeds, their pads, and the site and part of the area of each."""
 
 import dataclasses
 import itertools

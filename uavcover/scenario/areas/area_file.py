@@ -1,4 +1,4 @@
-"""Read areas, the one way to do so: a file of any known format, a box, a circle, or well-known text.
+"""The one reader of areas: a file of any known format, a box, a circle, or well-known text.
 
 Rings of a file become valid polygons in longitude and latitude; errors say where and what to do.
 """
