@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 from uavcover.cli.survey_options import SurveyOptions
 
 if TYPE_CHECKING:
@@ -24,8 +25,7 @@ def new(
     ] = None,
     *,
     out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="Scenario file to write; default: named after the area.", metavar="FILE.toml"),
+        Path | None, option("-o", "--out", "Scenario file to write; default: named after the area.", "FILE.toml")
     ] = None,
     survey: SurveyOptions,
     autopilot: options.Autopilot = None,
