@@ -6,7 +6,7 @@ import pytest
 from tests.naive import detection as naive
 from uavcover.errors import InputError
 from uavcover.kernels.detection import look_probability
-from uavcover.new.detection import all_curves, curve_named
+from uavcover.new.catalog import all_curves, curve_named
 
 
 def own(tmp_path, text):

@@ -8,7 +8,7 @@ from uavcover.cli.options import option
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
     from uavcover.flight.vehicle_terrain import ElevationData
-    from uavcover.new.detection import DetectionCurve
+    from uavcover.new.catalog import DetectionCurve
     from uavcover.new.elevation_questions import NewRequest
 
 # Options for the accuracy of photos, and for the target of a search, of ``judge-photos`` and ``verify``.
@@ -81,7 +81,7 @@ class SearchOptions:
             InputError: it is not known, or the probability asked for is none.
         """
         from uavcover.errors import InputError
-        from uavcover.new.detection import curve_named
+        from uavcover.new.catalog import curve_named
 
         if self.pod is not None and not 0.0 < self.pod <= 1.0:
             raise InputError(f"--pod: {self.pod:g} is not a probability; specify a value above 0 and at most 1")
@@ -96,7 +96,7 @@ class SearchOptions:
 
 def list_curves(console: "Console") -> int:
     """Say which curves of detection come with the package."""
-    from uavcover.new.detection import all_curves
+    from uavcover.new.catalog import all_curves
 
     curves = all_curves()
     console.say(f"{'curve':20}{'50 % detection at':>30}  title")

@@ -18,9 +18,8 @@ from tests.extras.fleet.test_fleet import Listener
 from tests.extras.fleet.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights, plan_for
 from uavcover.errors import InfeasibleError, InputError, ScenarioError
 from uavcover.extras.exports.export import ExportRequest, export_mission
-from uavcover.extras.fleet.command import FleetFailedError
+from uavcover.extras.fleet.command import FleetFailedError, first_sorties
 from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
-from uavcover.extras.fleet.upload import first_sorties
 from uavcover.flight.connect import home_of
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_files import compile_plan

@@ -15,8 +15,8 @@ from uavcover.extras.photos.photo_page import MAX_FOOTPRINTS, photo_map_data, re
 from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import PictureSet
+from uavcover.new.catalog import curve_named
 from uavcover.new.command import new_scenario
-from uavcover.new.detection import curve_named
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from tests.naive.ways import shortest_length
-from uavcover.scenario.airspace.way_round import WayRound
+from uavcover.scenario.airspace.zones import WayRound
 
 
 def random_region(rng):

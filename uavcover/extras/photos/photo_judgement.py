@@ -25,7 +25,7 @@ from uavcover.extras.photos.showing import detection_document, detection_doubts,
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.verdict import Effect, Finding, Holds, Judgement, Requirement
-from uavcover.new.detection import DetectionCurve
+from uavcover.new.catalog import DetectionCurve
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
