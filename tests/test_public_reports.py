@@ -19,8 +19,8 @@ from rasterio.transform import Affine
 from mission_io.errors import FormatError
 from mission_io.formats import plan
 from tests.extras.photos.camera_files import write_jpeg
-from tests.extras.photos.test_doubts import survey
 from tests.extras.photos.test_placing import FRAME as PHOTO_FRAME
+from tests.extras.photos.test_placing import survey
 from tests.planner.sites import make_site
 from tests.run.test_judged_inputs import nested
 from tests.scenario.scenario_texts import survey_text

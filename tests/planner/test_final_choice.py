@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.missions.test_corner_checks import AROUND, obstacle_beside
+from tests.missions.test_leg_checks import AROUND, obstacle_beside
 from tests.planner.sites import hills, make_site
 from tests.planner.test_insertion import SPHERE, some_route
 from uavcover.errors import InfeasibleError

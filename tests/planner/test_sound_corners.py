@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.missions.test_corner_checks import AROUND, obstacle_beside
+from tests.missions.test_leg_checks import AROUND, obstacle_beside
 from tests.planner.sites import make_site
 from uavcover.missions.leg_checks import corner_excess_m, measure_violations
 from uavcover.model.route import Route
