@@ -19,14 +19,7 @@ from uavcover.extras.benchmarks.paper.results import (
     tables_markdown,
     write_results,
 )
-from uavcover.extras.benchmarks.paper.runs import (
-    READINGS,
-    TABLE_5,
-    Figures,
-    PaperResult,
-    make_runs,
-    paper_runs,
-)
+from uavcover.extras.benchmarks.paper.runs import READINGS, TABLE_5, Figures, PaperResult, make_runs, paper_runs
 from uavcover.extras.benchmarks.runs import KeptRuns
 from uavcover.sensing.coverage_map import CoverageMap
 
