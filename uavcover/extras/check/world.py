@@ -1,4 +1,4 @@
-"""What a mission is judged against: its aircraft, its limits, and its surroundings in a local frame around home."""
+"""The terms by which a mission is judged: its aircraft, its limits, and its surroundings in a local frame around home."""
 
 import math
 from collections.abc import Mapping
