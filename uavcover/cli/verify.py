@@ -135,32 +135,17 @@ def verify(
                 raise InputError(f"{option}: this option applies only to photos: add --photos")
     if evidence.photos and scheduler is not None:
         raise InputError("--scheduler: this option distributes the coverage of a track; omit it with --photos")
-    pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
+    pictures = JudgedPictures(PictureEvidence(photos_required=require_photos) if area is None else NO_PICTURES)
     if of_photos is not None and evidence.photos:
         report = of_photos.verify_evidence(
             folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ()
         )
-    elif area is not None:
-        _, report = verify_run(
-            folder,
-            console,
-            command=sys.argv,
-            logs=evidence.logs,
-            pictures=JudgedPictures(NO_PICTURES),
-            scheduler=scheduler,
-            system=system,
-        )
     else:
         _, report = verify_run(
-            folder,
-            console,
-            command=sys.argv,
-            logs=evidence.logs,
-            accepted=accept_changed or (),
-            pictures=pictures,
-            scheduler=scheduler,
-            system=system,
-        )
-        console.suggest(to_paste("report", run), *([to_paste("gaps", run)] if report["gaps"] else []))
+            folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or () if area is None else (),
+            pictures=pictures, scheduler=scheduler, system=system,
+        )  # fmt: skip
+        if area is None:
+            console.suggest(to_paste("report", run), *([to_paste("gaps", run)] if report["gaps"] else []))
     console.result(report)
     return 0 if report["passed"] else 1

@@ -214,43 +214,22 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
 
 
 def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
-    """Tell photos, time and batteries of plain parallel lines; the same as a document."""
-    estimate = _estimate(scenario)
-    user.say(f"{f'estimate {scenario.view.name}'.strip():18}{estimate.words}")
-    return {"pictures": estimate.pictures, "flight_time_s": estimate.time_s, "batteries": estimate.batteries}
-
-
-@dataclass(frozen=True, slots=True)
-class _Estimate:
-    pictures: int
-    time_s: float
-    batteries: int | None
-    words: str
-
-
-def _estimate(scenario: NewScenario) -> _Estimate:
-    """Estimate of plain parallel swaths over the area; the search finds better."""
-    site = scenario.site
+    """Tell photos, time and batteries of plain parallel lines, which the search beats; the same as a document."""
+    site, vehicle = scenario.site, scenario.site.scenario.vehicle
     route, lines = _plain_route(site, scenario.view)
     length_m = float(path_lengths_m(route.waypoints_m)[-1])
-    every_m = trigger_distance_m(site.scenario) or length_m
-    pictures = math.floor(length_m / every_m) + 1
+    pictures = math.floor(length_m / (trigger_distance_m(site.scenario) or length_m)) + 1
     time_s = mission_time_s(site, route)
     words = f"about {counted(pictures, 'photo')}, {counted(lines, 'line')}, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
-    if site.scenario.vehicle.longest_flight_s is None:
-        return _Estimate(
-            pictures, time_s, None, f"{words} (simple parallel lines; for the number of batteries, add --battery)"
-        )
-    try:
-        batteries = len(compile_sorties(site, route, autopilot=site.scenario.vehicle.autopilot))
-    except InfeasibleError:
-        batteries = math.ceil(time_s / site.scenario.vehicle.longest_flight_s)
-    return _Estimate(
-        pictures,
-        time_s,
-        batteries,
-        f"{words}, {batteries} batter{'y' if batteries == 1 else 'ies'} (simple parallel lines)",
-    )
+    batteries, rest = None, " (simple parallel lines; for the number of batteries, add --battery)"
+    if vehicle.longest_flight_s is not None:
+        try:
+            batteries = len(compile_sorties(site, route, autopilot=vehicle.autopilot))
+        except InfeasibleError:
+            batteries = math.ceil(time_s / vehicle.longest_flight_s)
+        rest = f", {batteries} batter{'y' if batteries == 1 else 'ies'} (simple parallel lines)"
+    user.say(f"{f'estimate {scenario.view.name}'.strip():18}{words}{rest}")
+    return {"pictures": pictures, "flight_time_s": time_s, "batteries": batteries}
 
 
 def _window_asked_for(request: NewRequest) -> tuple[str, str] | None:

@@ -49,7 +49,6 @@ class Workers(Protocol):
             UavcoverError: the scheduler, or all workers, are gone for good, or a task ended its worker repeatedly.
             Exception: what ``function`` raised.
         """
-        ...
 
 
 class _OpensWorkers(Protocol):

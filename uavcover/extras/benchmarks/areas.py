@@ -44,7 +44,6 @@ class NamedTask(Protocol):
     @property
     def name(self) -> str:
         """Key of its run."""
-        ...
 
 
 Task = TypeVar("Task", bound=NamedTask)

@@ -33,15 +33,12 @@ class FleetClock(Protocol):
 
     def now(self) -> float:
         """Vehicle seconds; only differences mean something."""
-        ...
 
     def wait(self, seconds: float) -> None:
         """Let so much time pass."""
-        ...
 
     def taking_part(self) -> AbstractContextManager[None]:
         """As long as the calling thread follows a vehicle."""
-        ...
 
 
 class RealClock:
