@@ -376,8 +376,7 @@ def bench_paper(
     You can stop the benchmark at any time and repeat the command to continue. Results: tables.md with Tables 5 and 6
     and the values of the paper, runs.csv, the routes, figure7.png and figures8-11-READING.png.
     """
-    from uavcover.extras.benchmarks.paper.results import write_results
-    from uavcover.extras.benchmarks.paper.runs import READINGS, make_runs, paper_runs
+    from uavcover.extras.benchmarks.paper import READINGS, make_runs, paper_runs, write_results
     from uavcover.extras.benchmarks.runs import KeptRuns, available_cores
 
     console = output.console()

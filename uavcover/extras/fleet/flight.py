@@ -17,6 +17,7 @@ from uavcover.extras.fleet.board import Board, VehicleUser
 from uavcover.extras.fleet.jobs import Job, OnLoss
 from uavcover.extras.fleet.sortie import (
     FleetClock,
+    FleetWork,
     FlownSortie,
     LostVehicle,
     ReserveWatch,
@@ -29,7 +30,6 @@ from uavcover.extras.fleet.sortie import (
 )
 from uavcover.extras.fleet.traffic import FleetPhase, Traffic
 from uavcover.extras.fleet.tuning import FLEET
-from uavcover.extras.fleet.work import FleetWork
 from uavcover.flight.command import FlightOptions, record_flight
 from uavcover.flight.connect import Connected, VehicleLink, fly
 from uavcover.flight.fly import Clearance
