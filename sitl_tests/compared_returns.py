@@ -8,7 +8,7 @@ import numpy as np
 
 from sitl_tests.returns import SPEED_M_S, FailsafeCase, Flown, predicted
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.missions.failsafe_states import FailsafePaths
+from uavcover.missions.failsafes import FailsafePaths
 
 _SAMPLE_M = 2.0
 _LANDING_M = 5.0

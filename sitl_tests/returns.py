@@ -28,9 +28,8 @@ from mission_io.model.items import (
 from mission_io.wire import messages as m
 from sitl_tests.flying import frame_at
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.failsafe_parameters import Response, failsafe_settings
 from uavcover.missions.failsafe_path import predict
-from uavcover.missions.failsafe_states import Destinations, FailsafePaths, FlightStates
+from uavcover.missions.failsafes import Destinations, FailsafePaths, FlightStates, Response, failsafe_settings
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.vehicle import MockConfig, MockVehicle

@@ -24,7 +24,7 @@ providers._get_local_constants = lambda: NO_CONSTANTS
 
 LONG = (
     "tests/test_setup.py", "tests/test_wheel.py", "tests/kernels/test_route_state.py", "tests/cli/test_fly.py",
-    "tests/cli/test_gaps.py", "tests/cli/test_plan.py", "sitl_tests/", "tests/cli/", "tests/flight/", "tests/mock/",
+    "tests/cli/test_verify.py", "tests/cli/test_plan.py", "sitl_tests/", "tests/cli/", "tests/flight/", "tests/mock/",
     "tests/planner/test_memetic.py", "tests/mission_io/test_presets.py",
 )  # fmt: skip
 """Files and folders that take long, the longest first: begun last, one of them would keep a single process busy at the end."""

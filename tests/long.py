@@ -16,7 +16,7 @@ KEPT = {
     "tests/test_setup.py": "a new user's first command, in a clean clone",
     "tests/cli/test_fly.py::test_interrupt_brings_it_home": "Ctrl-C in flight",
     "tests/cli/test_plan_upload.py::test_run_folder_to_a_vehicle_in_another_process": "the mission over UDP to another process",
-    "tests/cli/test_gaps.py::test_a_gap_mission_from_where_the_vehicle_is": "what was missed becomes the next mission",
+    "tests/cli/test_verify.py::test_a_gap_mission_from_where_the_vehicle_is": "what was missed becomes the next mission",
     "tests/cli/test_plan.py::test_interrupt_writes_the_best_so_far": "Ctrl-C while planning",
     "tests/cli/test_verify.py::test_shifted_by_200_m_does_not_pass": "a flight that was not flown here",
     "tests/cli/test_client_option.py::test_a_run_is_uploaded_and_flown": "a whole flight by MAVSDK's client",

@@ -14,7 +14,7 @@ import pytest
 import typer
 
 from uavcover.cli.main import app
-from uavcover.new.detection import curve_named
+from uavcover.new.catalog import curve_named
 from uavcover.scenario.scenario_file import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parents[1]

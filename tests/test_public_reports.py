@@ -19,8 +19,8 @@ from rasterio.transform import Affine
 from mission_io.errors import FormatError
 from mission_io.formats import plan
 from tests.extras.photos.camera_files import write_jpeg
-from tests.extras.photos.test_doubts import survey
 from tests.extras.photos.test_placing import FRAME as PHOTO_FRAME
+from tests.extras.photos.test_placing import survey
 from tests.planner.sites import make_site
 from tests.run.test_judged_inputs import nested
 from tests.scenario.scenario_texts import survey_text
@@ -28,11 +28,10 @@ from tests.verification.test_dates import BOUNDS, NOON_S, track_at
 from tests.verification.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
 from uavcover.errors import InputError, TrackError
 from uavcover.extras.check.mission_file import read_mission_file, read_parameter_file
-from uavcover.extras.photos.doubts import missing_stretches
-from uavcover.extras.photos.placing import Assumptions, place_pictures
+from uavcover.extras.photos.placing import Assumptions, missing_stretches, place_pictures
 from uavcover.extras.photos.readers import read_pictures
-from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.track import COLUMNS
+from uavcover.model.verdict import Judgement, noted, unproved
 from uavcover.run.track_file import read_track_with_warnings
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import read_obstacles

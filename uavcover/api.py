@@ -77,7 +77,7 @@ def select(run: str | Path, rule: str, *, force: bool = False) -> "Plan":
         force: also when the route before was flown; it is kept in a folder of its own.
     """
     from uavcover.planner.select import choose
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder, flown_in
 
     folder = RunFolder(run)
@@ -117,7 +117,7 @@ def upload(vehicle: "Connected", run: str | Path, *, in_flight: bool = False, us
         mission_io.MissionIoError: the vehicle refused or fell silent; says what it holds now.
     """
     from uavcover.flight.upload import send_and_compare
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
 
     folder = RunFolder(run)
@@ -147,7 +147,7 @@ def fly(
         OutputError: the folder holds a flight already; ``force=True`` replaces it.
     """
     from uavcover.flight.command import USUAL_FLIGHT, fly_connected, refuse_older_flight
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import FLIGHT_FILES, RunFolder
     from uavcover.run.track_file import read_track
 

@@ -26,7 +26,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "uavcover.area_readers": "formats of areas by suffix, without its dot: a function of text and name (AreaDocument)",
         "uavcover.log_readers": "formats of flight logs by suffix, without its dot: a function of the path (LoggedRows)",
         "uavcover.algorithms": "optimizers by name: a class with ask and tell (docs/reference/optimizers.md)",
-        "uavcover.zone_readers": "formats of no-fly zones (uavcover.scenario.airspace.read_zone.ZoneReader)",
+        "uavcover.zone_readers": "formats of no-fly zones (uavcover.scenario.airspace.zone_file.ZoneReader)",
     }
 )
 """The extension points, and what an entry of each is."""

@@ -55,7 +55,7 @@ from uavcover.model.route import Plan
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.plan_files import save_plan
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.site_maps import judging_map

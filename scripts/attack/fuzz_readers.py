@@ -22,10 +22,10 @@ from mission_io.wire.mission_items import item_from_message, message_from_item
 from scripts.attack.fuzz_files import Target, check, of_latin, of_text
 from uavcover.cli.ending import _one_line
 from uavcover.errors import InputError, UavcoverError
-from uavcover.extras.photos.exif import read_picture
 from uavcover.extras.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
 from uavcover.extras.photos.picture import Picture
-from uavcover.new.detection import curve_named
+from uavcover.extras.photos.readers import read_picture
+from uavcover.new.catalog import curve_named
 from uavcover.scenario.airspace.zone_file import _of_text as read_zone_text
 
 

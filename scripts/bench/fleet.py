@@ -12,8 +12,8 @@ from uavcover.missions.flights import compile_flights
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.fleet_document import fleet_document
-from uavcover.scenario.pads import on_pads
 from uavcover.scenario.site import load_site
+from uavcover.scenario.vehicles import on_pads
 
 
 def main() -> None:

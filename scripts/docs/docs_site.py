@@ -296,6 +296,9 @@ def _ranges(cls: type) -> dict[str, str]:
             case ast.Call(func=ast.Name(id="require_positive" | "require_not_negative" as name), args=[_, *keys]):
                 for key in keys:
                     said.setdefault(ast.literal_eval(key), []).append("above 0" if "positive" in name else "at least 0")
+            case ast.Call(func=ast.Name(id="require_between"), args=[_, low, high, *keys]):
+                for key in map(ast.literal_eval, keys):
+                    said.setdefault(key, []).append(f"{ast.literal_eval(low):g} to {ast.literal_eval(high):g}")
             case ast.Call(func=ast.Name(id="require"), args=[_, ast.JoinedStr() | ast.Constant() as message]):
                 parts = message.values if isinstance(message, ast.JoinedStr) else [message]
                 # "key: {value} is outside 0..1": the value's place stays empty.
@@ -389,28 +392,24 @@ def _type_name(hint: Any) -> str:
 
 
 def _attributes(cls: type) -> dict[str, str]:
-    """The ``Attributes:`` section of a docstring in Google style, and those of what it is made from: name to meaning."""
+    """The comments at the fields of a dataclass, and those of what it is made from: name to meaning."""
     found: dict[str, str] = {}
     for base in cls.__bases__:
         if dataclasses.is_dataclass(base):
             found |= _attributes(base)
-    doc = inspect.getdoc(cls) or ""
-    _, _, section = doc.partition("Attributes:\n")
-    name = ""
-    for line in section.splitlines():
-        if line and not line.startswith(" "):
-            break
-        start = re.match(r"    (\w+): (.*)", line)
-        if start:
-            name = start[1]
-            found[name] = start[2]
-        elif name and line.strip():
-            found[name] += " " + line.strip()
+    above: list[str] = []
+    for line in inspect.getsource(cls).splitlines():
+        if line.startswith("    # "):
+            above.append(line[6:])
+            continue
+        if field := re.match(r"    (\w+): [^#]*?(?:  # (.*))?$", line):
+            found[field[1]] = f"{' '.join(above) or field[2] or ''}".rstrip(".") + "."
+        above = []
     return found
 
 
 def _summary(cls: type) -> str:
-    return (inspect.getdoc(cls) or "").partition("Attributes:\n")[0].strip()
+    return inspect.getdoc(cls) or ""
 
 
 def _prose(text: str | None) -> str:

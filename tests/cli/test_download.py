@@ -1,7 +1,17 @@
+"""``uavcover download`` and ``clear``."""
+
 from pathlib import Path
 
+import pytest
+
+from mission_io.client.client import Client
 from mission_io.formats import plan, wpl
+from mission_io.links.opening import UdpLink
+from mission_io.model.enums import ModeFlag
+from mission_io.model.items import MissionType
 from tests.cli.conftest import Cli, mock_vehicle
+from tests.mission_io.real_vehicle import flying_on
+from tests.mission_io.vehicle import VehiclePeer
 
 
 def test_what_was_uploaded_comes_back(cli: Cli, planned: Path, tmp_path: Path) -> None:
@@ -47,3 +57,58 @@ def test_unwritable_place(cli: Cli) -> None:
     ended = cli("download", "--from", "mock:", "-o", "/proc/x.plan", "--type", "all")
     assert ended.code == 2
     assert "/proc/x.plan: the file cannot be written" in ended.error
+
+
+def held(port: int) -> list[int]:
+    with Client(UdpLink.connecting("127.0.0.1", port)) as client:
+        client.wait_for_vehicle()
+        return [len(client.download(mission_type)) for mission_type in MissionType]
+
+
+def test_lists_are_emptied_as_asked(cli: Cli, planned: Path) -> None:
+    with mock_vehicle() as (port, _):
+        url = f"udpout://127.0.0.1:{port}"
+        assert cli("upload", planned / "mission.plan", "--to", url).code == 0
+        mission, fence, rally = held(port)
+        assert min(mission, fence, rally) > 0
+        ended = cli("clear", "--to", url, "--type", "fence", "--json")
+        assert (ended.code, ended.document) == (0, {"cleared": ["fence"]})
+        assert held(port) == [mission, 0, rally]
+        ended = cli("clear", "--to", url)
+        assert ended.out == "mission: cleared (read back as empty)\n"
+        assert held(port) == [0, 0, rally]
+        assert cli("clear", "--to", url, "--type", "all", "--json").document["cleared"] == ["mission", "fence", "rally"]
+        assert held(port) == [0, 0, 0]
+
+
+def test_an_armed_vehicle_is_left_alone_unless_it_is_meant(cli: Cli) -> None:
+    peer = VehiclePeer()
+    peer.base_mode = ModeFlag.SAFETY_ARMED
+    link = UdpLink.listening()
+    url = f"udpout://127.0.0.1:{link.local_port}"
+    with flying_on(link, peer):
+        ended = cli("clear", "--to", url)
+        assert (ended.code, "is armed" in ended.error) == (2, True)
+        assert cli("clear", "--to", url, "--in-flight").code == 0
+
+
+def test_bad_usage_and_nobody_there(cli: Cli) -> None:
+    assert "--type" in cli("clear", "--to", "mock:", "--type", "geofence").error
+    ended = cli("clear", "--to", "mock:", "--link", "string")
+    assert (ended.code, "default, telemetry-radio, satellite" in ended.error) == (2, True)
+    ended = cli("clear", "--to", "udpin://127.0.0.1:0", "--timeout", "0.1")
+    assert (ended.code, "no vehicle" in ended.error) == (3, True)
+
+
+def test_ctrl_c_says_what_is_cleared(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    original = Client.clear
+
+    def interrupted_at_the_fence(self: Client, mission_type: MissionType, *, in_flight: bool = False) -> None:
+        if mission_type is MissionType.FENCE:
+            raise KeyboardInterrupt
+        original(self, mission_type, in_flight=in_flight)
+
+    monkeypatch.setattr(Client, "clear", interrupted_at_the_fence)
+    ended = cli("clear", "--to", "mock:", "--type", "all")
+    assert ended.code == 130
+    assert "cleared: mission; possibly not cleared: fence, rally" in ended.err

@@ -1,4 +1,7 @@
+"""``uavcover verify`` and ``gaps``."""
+
 import csv
+import itertools
 import json
 import shutil
 from contextlib import nullcontext
@@ -6,9 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
+import shapely
+from pymavlink import mavwp
+from rasterio.warp import transform
 
 from tests.cli.conftest import Cli, files
 from tests.verification.test_flown_blocks import Elsewhere
+from uavcover.missions.mission_files import compile_plan
+from uavcover.run.documents import read_planned
+from uavcover.run.folder import RunFolder
+from uavcover.run.provenance import seal_flight
+from uavcover.sensing.site_maps import judging_map
 
 
 def shifted(run: Path, north_m: float) -> None:
@@ -143,3 +155,196 @@ def test_photos_can_only_be_required_of_a_sensor_that_takes_some(cli: Cli, flown
     refused = cli("verify", flown, "--require-photos")
     assert refused.code == 2
     assert "--require-photos: the sensor of" in refused.error
+
+
+def sealed(run: Path) -> None:
+    """Record the track as one that ended so."""
+    seal_flight(RunFolder(run), samples=1, command=[])
+
+
+def without_legs(run: Path, first: int, last: int) -> None:
+    """Take the samples on the legs to these waypoints out of the track."""
+    with (run / "track.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    with (run / "track.csv").open("w") as file:
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(row for row in rows if not first <= int(row["current_waypoint"]) <= last)
+
+
+@pytest.fixture
+def torn(flown: Path) -> Path:
+    """A run whose track has lost some legs in its middle."""
+    count = len(json.loads((flown / "plan.json").read_text())["waypoints"])
+    without_legs(flown, count // 2, count // 2 + count // 8)
+    sealed(flown)
+    return flown
+
+
+def test_a_gap_mission_is_flown_and_both_tracks_reach_the_plan(cli: Cli, torn: Path) -> None:
+    before = cli("verify", torn, "--json").document
+    assert before["coverage_fraction"] < before["planned_coverage_fraction"] - 0.01
+    planned = before["planned_coverage_fraction"]
+    answer = cli("gaps", torn, "--target", planned, "--json")
+    assert answer.code == 0
+    first_m = np.linalg.norm(np.diff(compile_plan(*route_of(torn)).path_m, axis=0), axis=1).sum()
+    assert answer.document["path_length_m"] < 0.5 * first_m
+    assert answer.document["coverage_after"] >= planned
+    assert (torn / "gap_mission.waypoints").read_bytes() == (torn / "gaps" / "mission.waypoints").read_bytes()
+    assert cli("fly", torn / "gaps", "--to", "mock:", "--mock-speed", 200).code == 0
+    both = cli("verify", torn, "--log", torn / "track.csv", "--log", torn / "gaps" / "track.csv", "--json")
+    # All is seen now, but what the first track does not show stays unobserved.
+    assert (both.code, both.document["verdict"]) == (1, "not proved"), both.out
+    assert both.document["reasons"] == []
+    assert both.document["planned_coverage_fraction"] == planned
+    assert both.document["coverage_fraction"] >= planned
+    assert both.document["track"] == "track.csv, gaps/track.csv"
+    assert both.document["violations"] == []
+    # The gap mission's own plan is what its track is compared with.
+    assert both.document["max_deviation_m"] < 10.0
+
+
+def route_of(run: Path):  # type: ignore[no-untyped-def]
+    site, planned = read_planned(RunFolder(run))
+    return site, planned.route
+
+
+def test_the_gaps_as_geojson_are_where_the_verdict_says(cli: Cli, torn: Path) -> None:
+    verdict = cli("verify", torn, "--json").document
+    assert cli("gaps", torn).code == 0
+    features = json.loads((torn / "gaps.geojson").read_text())["features"]
+    assert len(features) == len(verdict["gaps"])
+    size_m = judging_map(route_of(torn)[0]).grid.size_m
+    for feature, gap in zip(features, verdict["gaps"], strict=True):
+        assert feature["properties"]["reason"] == gap["reason"]
+        shape = shapely.geometry.shape(feature["geometry"])
+        assert shape.is_valid
+        assert shape.convex_hull.buffer(1e-6).contains(shapely.Point(gap["lon_deg"], gap["lat_deg"]))
+        # Map area against the number of cells, a degree of latitude being 111 km.
+        area_m2 = shape.area * 111.0e3 * 111.32e3 * np.cos(np.radians(gap["lat_deg"]))
+        assert area_m2 == pytest.approx(size_m**2 * gap["cells"], rel=0.005)
+
+
+def test_the_raster_lies_on_the_cells_and_says_what_the_verdict_says(cli: Cli, torn: Path) -> None:
+    verdict = cli("verify", torn, "--json").document
+    site, _ = route_of(torn)
+    coverage = judging_map(site)
+    with rasterio.open(torn / "coverage.tif") as raster:
+        looks, reason = raster.read(1), raster.read(raster.count)
+        assert raster.descriptions == (
+            "looks", "first_seen_s", "ground_sample_m", "incidence_deg", "distance_m", "sureness", "reason",
+        )  # fmt: skip
+        inside = np.isfinite(looks)
+        assert inside.sum() == coverage.grid.count == verdict["cells"]["count"]
+        assert (looks[inside] > 0).sum() == verdict["cells"]["seen"]
+        assert looks[inside].max() == verdict["cells"]["looks_max"]
+        np.testing.assert_array_equal(reason[inside] == 0, looks[inside] > 0)
+        middles = coverage.grid.middles_m[:: coverage.grid.count // 50]
+        centres = np.column_stack([middles, site.ground.heights_m(middles)])
+        assert site.frame is not None
+        lat, lon, _ = site.frame.geodetic_from_enu(centres)
+        x, y = transform("EPSG:4326", raster.crs, lon, lat)
+        rows, columns = rasterio.transform.rowcol(raster.transform, x, y, op=lambda value: value)
+        lattice = coverage.grid.cells
+        np.testing.assert_allclose(columns, (centres[:, 0] - lattice.east0_m) / lattice.size_m + 0.5, atol=0.01)
+        from_north = lattice.lattice.shape[0] - 1 - (centres[:, 1] - lattice.north0_m) / lattice.size_m
+        np.testing.assert_allclose(rows, from_north + 0.5, atol=0.01)
+
+
+def test_enough_and_small_gaps(cli: Cli, torn: Path) -> None:
+    everything = cli("gaps", torn, "--json").document
+    enough = cli("gaps", torn, "--target", 0.985, "--force", "--json").document
+    assert enough["path_length_m"] < everything["path_length_m"]
+    assert enough["coverage_after"] >= 0.985
+    nothing = cli("gaps", torn, "--min-area", 1e9, "--force", "--json").document
+    assert nothing["mission"] is None
+    reached = cli("gaps", torn, "--target", 0.5, "--force")
+    assert reached.code == 0
+    assert "no gaps to close" in reached.out
+
+
+def test_an_older_gap_mission_is_not_overwritten(cli: Cli, torn: Path) -> None:
+    assert cli("gaps", torn).code == 0
+    ended = cli("gaps", torn)
+    assert ended.code == 2
+    assert "--force" in ended.error or "--force" in ended.err
+    assert cli("gaps", torn, "--force").code == 0
+
+
+def test_what_to_run_next_is_a_suggestion_as_of_other_commands(cli: Cli, torn: Path) -> None:
+    """It was put behind the names of the written files."""
+    own = torn / "gaps"
+    *_, written, upload, fly, verify = cli("gaps", torn).out.splitlines()
+    assert written == f"wrote {torn / 'gaps.geojson'}, {torn / 'gap_mission.waypoints'}"
+    assert upload == f"Next: uavcover plan-upload {own} --to URL"
+    assert fly == f"      uavcover fly {own} --to URL"
+    assert verify == f"      uavcover verify {torn} --log {torn / 'track.csv'} --log {own / 'track.csv'}"
+
+
+def broken_off(run: Path, share: float) -> dict[str, str]:
+    """End the track after this share of its samples; the last row."""
+    lines = (run / "track.csv").read_text().splitlines()
+    kept = lines[: 1 + round(share * (len(lines) - 1))]
+    (run / "track.csv").write_text("\n".join(kept) + "\n")
+    return dict(zip(kept[0].split(","), kept[-1].split(","), strict=True))
+
+
+def test_a_gap_mission_from_where_the_vehicle_is(cli: Cli, flown: Path) -> None:
+    last = broken_off(flown, 0.55)
+    sealed(flown)
+    from_home = cli("gaps", flown, "--json").document
+    ended = cli("gaps", flown, "--start", "last", "--force", "--json")
+    assert ended.code == 0, ended.err
+    assert (from_home["start"], ended.document["start"]) == ("home", "last")
+    assert "--in-flight" in ended.err
+    assert f"uavcover fly {flown / 'gaps'} --resume --to URL" in ended.err
+    assert ended.document["coverage_after"] > 0.99
+    assert ended.document["path_length_m"] < from_home["path_length_m"]
+
+    loader = mavwp.MAVWPLoader()
+    loader.load(str(flown / "gap_mission.waypoints"))
+    home, *items = [loader.wp(k) for k in range(loader.count())]
+    commands = [item.command for item in items]
+    assert 22 not in commands, "a vehicle in the air does not take off"
+    assert (commands[-1], commands.count(21)) == (21, 1)
+    places = np.array([(item.x, item.y, item.z + home.z) for item in items if item.command == 16])
+    np.testing.assert_allclose(places[0, :2], [float(last["lat_deg"]), float(last["lon_deg"])], atol=2e-7)
+    assert places[0, 2] >= float(last["alt_amsl_m"]) - 0.01, "straight up, if at all"
+
+    site, _ = route_of(flown)
+    assert site.frame is not None
+    corners = site.frame.enu_from_geodetic(*places.T)
+    shares = np.linspace(0.0, 1.0, 200)[:, None]
+    legs = np.concatenate([a + shares * (b - a) for a, b in itertools.pairwise(corners)])
+    limits = site.scenario.limits
+    above_m = legs[:, 2] - site.ground.heights_m(legs[:, :2])
+    assert above_m.min() >= min(limits.transit_clearance_m, limits.min_height_agl_m) - 0.01
+    assert shapely.covers(site.fence, shapely.points(legs[:, :2])).all()
+    # The folder holds the same route from home.
+    assert 22 in [
+        int(row.split("\t")[3]) for row in (flown / "gaps" / "mission.waypoints").read_text().splitlines()[1:]
+    ]
+
+
+def test_no_mission_in_the_air_for_a_vehicle_on_the_ground(cli: Cli, torn: Path) -> None:
+    ended = cli("gaps", torn, "--start", "last")
+    assert ended.code == 4
+    assert "m above ground" in ended.err
+    assert "gap_mission.waypoints" not in files(torn)
+    ended = cli("gaps", torn, "--start", "here")
+    assert ended.code == 2
+    assert "--start: 'here'" in ended.error
+
+
+@pytest.mark.parametrize(("option", "value"), [("--target", 1.5), ("--target", 0.0), ("--min-area", -1.0)])
+def test_arguments_out_of_range(cli: Cli, torn: Path, option: str, value: float) -> None:
+    ended = cli("gaps", torn, option, value)
+    assert ended.code == 2
+    assert str(value) in ended.err
+    assert "gaps" not in files(torn)
+
+
+def test_gaps_of_nothing_flown(cli: Cli, planned: Path) -> None:
+    ended = cli("gaps", planned)
+    assert ended.code == 2
+    assert "uavcover fly" in ended.error

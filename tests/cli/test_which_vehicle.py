@@ -15,7 +15,7 @@ from tests.cli.conftest import Cli
 from uavcover.flight.connect import require_home
 from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 
 FOREIGN = ["plane", "vtol", "helicopter", "rover", "boat", "submarine", "airship"]

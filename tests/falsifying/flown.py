@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import AGE_COLUMN, COLUMNS, PICTURES_COLUMN, UNIX_TIME_COLUMN, VELOCITY_COLUMNS
-from uavcover.run.flight_folders import flown_tracks
+from uavcover.run.documents import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.scenario.site import Site, load_site

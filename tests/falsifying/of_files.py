@@ -14,7 +14,7 @@ import tomli_w
 from tests.falsifying.flown import Flown
 from tests.falsifying.of_place import shifted
 from tests.falsifying.way import Meddle, Way, family
-from uavcover.model.terrain import RasterTerrain
+from uavcover.model.area import RasterTerrain
 from uavcover.scenario.scenario_file import dump_scenario, terrain_source
 from uavcover.verification.gaps import Band, geotiff
 

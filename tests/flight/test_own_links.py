@@ -19,7 +19,7 @@ from uavcover.flight.monitor import open_vehicle
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import dump_scenario
-from uavcover.scenario.vehicle_areas import vehicle_scenario
+from uavcover.scenario.vehicles import vehicle_scenario
 
 ONE, OTHER = 'link = "udpin://127.0.0.1:14550"\n', 'link = "udpin://127.0.0.1:14560"\n'
 MOCK = VehiclePlace("mock:")

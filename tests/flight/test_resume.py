@@ -51,7 +51,7 @@ from uavcover.model.verdict import VerificationReport
 from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.close_gaps import plan_gap_mission, save_gap_mission
 from uavcover.planner.plan_files import save_plan
-from uavcover.run.flight_folders import flights_of, flown_tracks
+from uavcover.run.documents import flights_of, flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import inspect_inputs
 from uavcover.run.track_file import TrackWriter, read_track

@@ -34,7 +34,7 @@ from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIG
 from uavcover.kernels.skyline import NO_SKYLINES
 from uavcover.kernels.surface import Surface, heights
 from uavcover.missions.leg_checks import measure_violations
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.route import Route
 from uavcover.model.sensor import NadirCamera, SphereSensor
 from uavcover.planner.search.route_problem import route_problem, state_of

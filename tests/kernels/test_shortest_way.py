@@ -6,7 +6,7 @@ import shapely
 
 from tests.compiled_kernels import cases
 from tests.naive.ways import shortest_length
-from uavcover.scenario.airspace.way_round import WayRound
+from uavcover.scenario.airspace.zones import WayRound
 
 
 def free_ground(rng):

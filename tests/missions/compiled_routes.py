@@ -8,10 +8,7 @@ from pyproj import Transformer
 
 from mission_io.model.items import MissionItem
 from tests.planner.sites import ORIGIN
-from uavcover.missions.mission_compiler import (
-    CompiledMission,
-    compile_mission,
-)
+from uavcover.missions.mission_compiler import CompiledMission, compile_mission
 from uavcover.model.route import Route
 from uavcover.planner.baselines.swaths import fly_layout, regular_layout
 from uavcover.scenario.site import Site

@@ -5,9 +5,16 @@ import pytest
 import shapely
 
 from uavcover.errors import UavcoverError
-from uavcover.missions.failsafe_parameters import _check, failsafe_parameter_groups, failsafe_settings
 from uavcover.missions.failsafe_path import direct_return, predict
-from uavcover.missions.failsafe_states import HOME, IN_PLACE, Destinations, FlightStates
+from uavcover.missions.failsafes import (
+    HOME,
+    IN_PLACE,
+    Destinations,
+    FlightStates,
+    _check,
+    failsafe_parameter_groups,
+    failsafe_settings,
+)
 
 HOME_M = np.array([0.0, 0.0, 400.0])
 

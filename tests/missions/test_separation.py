@@ -10,18 +10,19 @@ import pytest
 from tests.missions.test_sorties import SPHERE, there_and_back
 from tests.naive.fleet import least_distance
 from tests.planner.sites import flat, hills, make_site
-from uavcover.missions.fleet_schedule import schedule
-from uavcover.missions.separation import (
+from uavcover.missions.fleet_schedule import (
     PathPieces,
+    Timeline,
     merged,
     near_pieces,
     pieces_of,
     safe_start_s,
+    schedule,
     segment_distances_m,
+    timeline_of,
     unsafe_starts,
 )
 from uavcover.missions.sorties import compile_sorties
-from uavcover.missions.timeline import Timeline, timeline_of
 from uavcover.model.sensor import SphereSensor
 from uavcover.model.vehicle import AutopilotName, Fleet
 

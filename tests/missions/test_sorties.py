@@ -20,13 +20,13 @@ from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.objectives import judge
 from uavcover.missions.sorties import Sortie, check_reach, compile_sorties
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
 from uavcover.model.vehicle import PowerModel, Wind
 from uavcover.planner.plan_files import save_plan
 from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.run.flight_folders import flown_tracks, read_planned
+from uavcover.run.documents import flown_tracks, read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site

@@ -12,12 +12,10 @@ from tests.missions.compiled_routes import HOME, compiled, enu_of, route
 from tests.planner.sites import hills, make_site, ridge, tower
 from uavcover.errors import InfeasibleError
 from uavcover.missions.leg_checks import find_problems
-from uavcover.missions.mission_compiler import (
-    compile_return,
-)
+from uavcover.missions.mission_compiler import compile_return
 from uavcover.missions.return_advice import return_advice
 from uavcover.missions.transit import transit
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.scenario.site import Site
 
 

@@ -12,7 +12,7 @@ from mission_io.wire import messages as m
 from tests.flight.scene import HOME
 from tests.mock.bench import Bench, go, ready
 from tests.mock.test_failsafes import BOTH, set_parameter, texts
-from uavcover.missions.failsafe_parameters import failsafe_parameter_groups
+from uavcover.missions.failsafes import failsafe_parameter_groups
 from uavcover.mock.behaviour import PARAMETERS, Settings
 
 

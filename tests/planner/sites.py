@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 import shapely
 
-from uavcover.model.area import Area
-from uavcover.model.limits import FlightLimits, Home
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.area import Area, SineCosineTerrain
+from uavcover.model.limits import FlightLimits, Home, NoFly, Obstacle, Obstacles
 from uavcover.model.scenario import Origin, PlannerSettings, Requirements, Scenario
 from uavcover.model.sensor import NadirCamera, Sensor
-from uavcover.model.terrain import SineCosineTerrain
 from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.obstacles import Footprint, stand_on

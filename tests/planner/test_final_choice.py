@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.missions.test_corner_checks import AROUND, obstacle_beside
+from tests.missions.test_leg_checks import AROUND, obstacle_beside
 from tests.planner.sites import hills, make_site
 from tests.planner.test_insertion import SPHERE, some_route
 from uavcover.errors import InfeasibleError
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.route import Route, RouteMember
 from uavcover.planner.baselines.boustrophedon import fly_rows, scanned_rows
 from uavcover.planner.baselines.swaths import fly_layout, regular_layout

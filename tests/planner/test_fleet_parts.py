@@ -30,7 +30,7 @@ from uavcover.report.content import read_run
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import vehicle_sites
 from uavcover.sensing.site_maps import judging_map, map_for
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses

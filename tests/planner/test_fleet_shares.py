@@ -18,17 +18,16 @@ from uavcover.errors import ScenarioError
 from uavcover.extras.fleet.command import FleetFailedError
 from uavcover.extras.fleet.jobs import planned_jobs
 from uavcover.flight.connect import home_of
-from uavcover.missions.separation import pieces_of, unsafe_starts
+from uavcover.missions.fleet_schedule import pieces_of, unsafe_starts
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.limits import Home
 from uavcover.planner.command import PlanOutcome, PlanRequest, plan_into
 from uavcover.planner.fleet_parts import part_sites
 from uavcover.planner.fleet_shares import is_one_flight_each
 from uavcover.run.folder import RunFolder
-from uavcover.scenario.pads import on_pads
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import on_pads, vehicle_sites
 from uavcover.sensing.site_maps import judging_map
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses

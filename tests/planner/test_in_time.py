@@ -17,7 +17,7 @@ from tests.planner.sites import flat, hills, make_site
 from tests.terrain_kinds import KINDS, SENSORS, TRUE_TO_SCALE, write_kind
 from uavcover.cli.console import Interrupts
 from uavcover.errors import StageOver
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.planner.budget import CommandTime
 from uavcover.planner.mission_sizes import with_sizes
 from uavcover.planner.plan_search import SearchRequest, plan, plan_and_site

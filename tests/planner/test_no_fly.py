@@ -13,8 +13,7 @@ from tests.planner.test_planner import make_plan
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.search_problem import crosses_edge, flyable_ground, is_inside
 from uavcover.missions.leg_checks import find_problems, find_waypoint_problems, measure_violations
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import NoFly, Obstacles
 from uavcover.model.sensor import NadirCamera
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout

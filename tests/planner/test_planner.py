@@ -12,7 +12,7 @@ from tests.planner.sites import flat, hills, make_site, ridge, tower
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.missions.leg_checks import find_problems, measure_violations
 from uavcover.missions.objectives import judge
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
 from uavcover.planner.baselines.boustrophedon import Baseline

@@ -10,7 +10,7 @@ import pytest
 from tests.planner.sites import hills, make_site, tower
 from tests.planner.test_planner import frozen
 from uavcover.missions.leg_checks import measure_violations
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout

@@ -10,7 +10,7 @@ import pytest
 from tests.naive import set_cover as naive
 from tests.planner.sites import make_site, tower
 from uavcover.missions.leg_checks import measure_violations
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import SphereSensor
 from uavcover.planner.baselines import initial_routes

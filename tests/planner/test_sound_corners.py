@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from tests.missions.test_corner_checks import AROUND, obstacle_beside
+from tests.missions.test_leg_checks import AROUND, obstacle_beside
 from tests.planner.sites import make_site
-from uavcover.missions.corner_checks import corner_excess_m
-from uavcover.missions.leg_checks import measure_violations
+from uavcover.missions.leg_checks import corner_excess_m, measure_violations
 from uavcover.model.route import Route
 from uavcover.planner.sound_corners import with_sound_corners
 

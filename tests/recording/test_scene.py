@@ -9,8 +9,7 @@ import shapely
 
 from tests.planner.sites import flat, hills, make_site
 from tests.recording.flights import Flight
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.limits import NoFly, Obstacle, Obstacles
 from uavcover.recording import layout
 from uavcover.recording.flight import body_rotations, coverage_tiles, footprints_m, lift_m, shown_from_s, tick_times_s
 from uavcover.recording.scene import (

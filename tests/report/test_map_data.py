@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 
 from tests.planner.sites import flat, make_site, tower
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import NoFly, Obstacles
 from uavcover.report import map_data as drawing
 from uavcover.report.cell_layers import UNSEEN_RGB, cell_layers, cells_bounds_m
 from uavcover.report.content import FIGURES, ReportContent

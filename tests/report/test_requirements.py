@@ -6,9 +6,20 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement, combined, fails, unproved
-from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.model.verdict import LIMIT_OF, Violation, ViolationKind
+from uavcover.model.limits import Obstacle, Obstacles
+from uavcover.model.verdict import (
+    LIMIT_OF,
+    Effect,
+    Finding,
+    Holds,
+    Judgement,
+    Requirement,
+    Violation,
+    ViolationKind,
+    combined,
+    fails,
+    unproved,
+)
 from uavcover.report.content import ReportContent
 from uavcover.verification.decision import RequirementRow, requirement_rows
 

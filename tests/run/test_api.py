@@ -14,7 +14,7 @@ from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.planner.plan_bounds import bounds as bounds_of
 from uavcover.planner.plan_bounds import least_length_m
 from uavcover.planner.plan_search import SearchRequest, plan
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario

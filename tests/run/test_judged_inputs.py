@@ -19,9 +19,9 @@ from tests.report.conftest import coarse, cut, lines_over, write_track
 from uavcover.errors import InputError
 from uavcover.flight.resume import find_unfinished, save_rest
 from uavcover.missions.mission_files import compile_plan
-from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.area import RasterTerrain
+from uavcover.model.limits import Obstacle, Obstacles
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
-from uavcover.model.terrain import RasterTerrain
 from uavcover.planner.plan_files import save_plan
 from uavcover.run import judged_inputs
 from uavcover.run.folder import MISSION_FILES, PLAN_FILES, RunFolder, has_a_flight

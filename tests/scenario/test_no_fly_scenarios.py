@@ -8,7 +8,7 @@ import shapely
 
 from tests.planner.sites import make_site
 from uavcover.errors import ScenarioError
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
 from uavcover.scenario.site import build_site, load_site
 

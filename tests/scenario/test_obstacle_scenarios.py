@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from uavcover.errors import ScenarioError
-from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.limits import Obstacle, Obstacles
 from uavcover.scenario.obstacles import box_corners_m, read_obstacles
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
 from uavcover.scenario.site import load_site

@@ -8,18 +8,12 @@ from hypothesis import strategies as st
 
 from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.errors import ScenarioError
-from uavcover.model.area import Area
+from uavcover.model.area import Area, RasterTerrain, SineCosineTerrain
 from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.scenario import Origin, PlannerSettings, Requirements, Scenario
 from uavcover.model.sensor import DiscSensor, NadirCamera, SphereSensor
-from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
 from uavcover.model.vehicle import Fleet, Vehicle
-from uavcover.scenario.scenario_file import (
-    bundled_scenarios,
-    dump_scenario,
-    load_scenario,
-    terrain_source,
-)
+from uavcover.scenario.scenario_file import bundled_scenarios, dump_scenario, load_scenario, terrain_source
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=60)
 

@@ -8,7 +8,7 @@ import pytest
 
 from tests.planner.sites import CAMERA, hills, make_site, tower
 from uavcover.errors import ScenarioError
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.scenario.site import Site
 from uavcover.sensing import coverage_map
 from uavcover.sensing.block_map import judging_block, row_blocks

@@ -14,8 +14,8 @@ from tests.planner.sites import make_site
 from tests.sensing.flown_lines import places_when_passed, track_of_legs
 from tests.terrain_kinds import write_scenario
 from uavcover.model.vehicle import MOTIONS
-from uavcover.scenario.pace import moving_pace
 from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicles import moving_pace
 from uavcover.sensing.flown_line import corners_matter, line_flown, places_passed_m, rounded_corners
 from uavcover.sensing.site_maps import judging_map
 

@@ -10,7 +10,7 @@ from tests.planner.sites import hills, make_site, ridge
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.observation_counting import Camera, SensorPoses
 from uavcover.kernels.sight import local_slopes
-from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.limits import Obstacle, Obstacles
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.observing import add_observations

@@ -12,7 +12,7 @@ from scipy.interpolate import RegularGridInterpolator
 from tests.naive import pictures as naive
 from tests.planner.sites import HIGH_M, LOW_M, ORIGIN, STEP_M, flat, hills, make_site, ridge, tower, with_scenario
 from tests.verification.flights import fly_along
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
 from uavcover.scenario.site import area_as_drawn, load_site
 from uavcover.sensing import pictures

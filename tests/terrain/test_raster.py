@@ -14,7 +14,7 @@ from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject, transform
 
 from uavcover.errors import NoElevationError, TerrainError
-from uavcover.terrain import elevation_file, pixel_frame
+from uavcover.terrain import elevation_file, frames
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import grid_ground
@@ -323,7 +323,7 @@ def test_a_large_file_is_read_by_strips_to_the_same_ground(tmp_path, monkeypatch
 
     whole = nodes()
     monkeypatch.setattr(elevation_file, "FILES", replace(FILES, most_pixels=100))
-    monkeypatch.setattr(pixel_frame, "PIXELS", replace(PIXELS, strip_nodes=70))
+    monkeypatch.setattr(frames, "PIXELS", replace(PIXELS, strip_nodes=70))
     assert np.allclose(nodes(), whole, rtol=0.0, atol=1e-9, equal_nan=True)
     assert whole.shape[0] > 10
 
@@ -344,7 +344,7 @@ def test_reading_takes_little_more_memory_than_the_ground(tmp_path, monkeypatch,
     # 2.4e5 pixels of 3 m; half a degree around them is in the small geoid grid of the tests.
     path = write(tmp_path / "dem.tif", bumps((400, 600)), transform=from_origin(LON - 0.009, LAT + 0.006, 3e-5, 3e-5))
     monkeypatch.setattr(elevation_file, "FILES", replace(FILES, most_pixels=6_000))
-    monkeypatch.setattr(pixel_frame, "PIXELS", replace(PIXELS, strip_nodes=6_000))
+    monkeypatch.setattr(frames, "PIXELS", replace(PIXELS, strip_nodes=6_000))
     monkeypatch.setattr(elevation_file, "measure_error_m", lambda *_: 0.0)
 
     def read_it():

@@ -10,7 +10,7 @@ from rasterio.transform import Affine
 from scipy import ndimage
 
 from tests.terrain.dem_files import fractal_m
-from uavcover.model.terrain import RasterTerrain
+from uavcover.model.area import RasterTerrain
 from uavcover.scenario.scenario_file import bundled_scenarios, load_scenario, terrain_source
 from uavcover.scenario.site import load_site
 from uavcover.terrain.suspect_heights import _rough_alone, suspect_pixels, suspect_places, touching

@@ -8,7 +8,7 @@ import pytest
 from tests.planner.sites import tower, with_scenario
 from tests.verification.flights import changed, fly_along, joined_tracks, make_site
 from tests.verification.test_cells import at, reasons_at, verdict_on
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.sensor import NadirCamera
 from uavcover.sensing.coverage_map import CoverageMap

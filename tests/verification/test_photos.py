@@ -14,7 +14,7 @@ from uavcover.mock.faults import parse_fault
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import SphereSensor
 from uavcover.planner.close_gaps import plan_gap_mission
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map

@@ -10,10 +10,10 @@ import pytest
 from tests.naive.separation import least_distance
 from tests.planner.sites import make_site
 from tests.verification.flights import Flight, changed, taken, track_of
-from uavcover.model.judgement import Effect, Judgement
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.track import Track
 from uavcover.model.vehicle import Fleet
+from uavcover.model.verdict import Effect, Judgement
 from uavcover.scenario.site import Site
 from uavcover.verification.run_logs import shared_times
 from uavcover.verification.several_flights import SameFlight, Separation, judge_separation, same_flight

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.flights import compile_flights
@@ -143,11 +143,9 @@ _VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")
 
 def doctor(
     output: options.Output,
-    imports: Annotated[
-        bool, typer.Option(help="Import every package instead of only checking that it is installed.")
-    ] = True,
+    imports: Annotated[bool, option("Import every package instead of only checking that it is installed.")] = True,
     compile_ahead: Annotated[
-        bool, typer.Option("--compile", help="Compile the numeric kernels now instead of during the first search.")
+        bool, option("--compile", "Compile the numeric kernels now instead of during the first search.")
     ] = False,
 ) -> int:
     """Check the installation, and list the requirements of each optional feature."""

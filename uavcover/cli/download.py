@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from mission_io.model.plain_text import counted
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 # ``uavcover clear``: empty a vehicle's lists.
 
@@ -14,12 +13,10 @@ from uavcover.cli import options
 def clear(
     to: options.To,
     *,
-    kind: Annotated[str, typer.Option("--type", help="List to clear: mission, fence, rally or all.")] = "mission",
+    kind: Annotated[str, option("--type", "List to clear: mission, fence, rally or all.")] = "mission",
     vehicle: options.VehicleOptions,
     link: options.LinkKind = "default",
-    in_flight: Annotated[
-        bool, typer.Option("--in-flight", help="Clear the lists even if the vehicle is armed.")
-    ] = False,
+    in_flight: Annotated[bool, option("--in-flight", "Clear the lists even if the vehicle is armed.")] = False,
     output: options.Output,
 ) -> int:
     """Clear the mission, fence or rally points on a vehicle, and verify that they are empty."""
@@ -49,14 +46,10 @@ def clear(
 
 
 def download(
-    url: Annotated[str, typer.Option("--from", help="URL of the vehicle; see plan-upload --to.", metavar="URL")],
-    out: Annotated[
-        Path, typer.Option("-o", "--out", help="Output file: .waypoints for one list, or .plan for all three lists.")
-    ],
+    url: Annotated[str, option("--from", "URL of the vehicle; see plan-upload --to.", "URL")],
+    out: Annotated[Path, option("-o", "--out", "Output file: .waypoints for one list, or .plan for all three lists.")],
     *,
-    kind: Annotated[
-        str, typer.Option("--type", help="List to download: mission, fence, rally or all (.plan only).")
-    ] = "mission",
+    kind: Annotated[str, option("--type", "List to download: mission, fence, rally or all (.plan only).")] = "mission",
     vehicle: options.TransferOptions,
     force: options.Force = False,
     output: options.Output,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
@@ -30,37 +31,29 @@ class FlyingVehicle(options.EachVehicleOptions):
     """Which vehicles fly."""
 
     client: options.ClientKind = "native"
-    mock_speed: Annotated[
-        float, typer.Option(metavar="X", help="Speed of the mock: vehicle, as a multiple of real time.")
-    ] = 20.0
+    mock_speed: Annotated[float, option("Speed of the mock: vehicle, as a multiple of real time.", "X")] = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class FlightWatch:
     """Supervision of the flight, and the reaction to a breach."""
 
-    live: Annotated[bool, typer.Option("--live", help="Show the flight in the rerun viewer.")] = False
-    web: Annotated[
-        bool, typer.Option("--web", help="Show the flight live on a map in the browser; see uavcover serve.")
-    ] = False
+    live: Annotated[bool, option("--live", "Show the flight in the rerun viewer.")] = False
+    web: Annotated[bool, option("--web", "Show the flight live on a map in the browser; see uavcover serve.")] = False
     deadman_s: Annotated[
-        float,
-        typer.Option("--deadman", metavar="S", help="Warn after this many seconds without a vehicle position."),
+        float, option("--deadman", "Warn after this many seconds without a vehicle position.", "S")
     ] = 3.0
     link_lost_s: Annotated[
-        float,
-        typer.Option("--link-lost", metavar="S", help="Stop after this many seconds without a vehicle message."),
+        float, option("--link-lost", "Stop after this many seconds without a vehicle message.", "S")
     ] = 30.0
     on_breach: options.OnBreachAction = None
     require_photos: options.RequirePhotos = False
     apply_limits: Annotated[
         bool,
-        typer.Option(
+        option(
             "--apply-limits",
-            help=(
-                "Set the parameters that the plan requires, and restore the old values after the flight. Asks for "
-                "confirmation unless --yes is given."
-            ),
+            "Set the parameters that the plan requires, and restore the old values after the flight. Asks for "
+            "confirmation unless --yes is given.",
         ),
     ] = False
 
@@ -69,12 +62,10 @@ class FlightWatch:
 class OlderFlight:
     """Treatment of an older flight of the run."""
 
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue an unfinished flight, on the ground or in the air.")
-    ] = False
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the track, recording and verdict of the previous flight.")
-    ] = False
+    resume: Annotated[bool, option("--resume", "Continue an unfinished flight, on the ground or in the air.")] = False
+    force: Annotated[bool, option("--force", "Replace the track, recording and verdict of the previous flight.")] = (
+        False
+    )
 
 
 def fly(
@@ -84,16 +75,14 @@ def fly(
     sortie: options.Sortie = None,
     on_loss: Annotated[
         str,
-        typer.Option(
+        option(
             "--on-loss",
-            help=(
-                "Action if one of several vehicles is lost: share (others fly its remaining route) or gaps (plan a "
-                "gap mission)."
-            ),
-            metavar="share|gaps",
+            "Action if one of several vehicles is lost: share (others fly its remaining route) or gaps (plan a "
+            "gap mission).",
+            "share|gaps",
         ),
     ] = "share",
-    yes: Annotated[bool, typer.Option("--yes", help="Allow arming a real vehicle.")] = False,
+    yes: Annotated[bool, option("--yes", "Allow arming a real vehicle.")] = False,
     vehicle: FlyingVehicle,
     watch: FlightWatch,
     older: OlderFlight,
@@ -113,7 +102,7 @@ def fly(
     from uavcover.flight.orders import FlightTimeouts
     from uavcover.model.outcome import Ending
     from uavcover.plugins import load
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import to_paste
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 if TYPE_CHECKING:
     from mission_io.autopilots.autopilot import Autopilot
@@ -25,18 +24,11 @@ class Imitated:
 
     autopilot: options.Autopilot = None
     vehicle_type: Annotated[
-        str,
-        typer.Option(
-            "--type",
-            help="Vehicle type to report: quadrotor, plane, rover, helicopter, vtol and others.",
-            metavar="NAME",
-        ),
+        str, option("--type", "Vehicle type to report: quadrotor, plane, rover, helicopter, vtol and others.", "NAME")
     ] = "quadrotor"
-    system: Annotated[int, typer.Option(help="MAVLink system ID of the vehicle.", metavar="N", min=1, max=255)] = 1
-    scenario: Annotated[str, typer.Option(help="Scenario that defines the home and performance of the vehicle.")] = (
-        "jacksboro"
-    )
-    home: Annotated[str | None, typer.Option(help="Home position, on flat ground.", metavar="LAT,LON,ALT_AMSL")] = None
+    system: Annotated[int, option("MAVLink system ID of the vehicle.", "N", min=1, max=255)] = 1
+    scenario: Annotated[str, option("Scenario that defines the home and performance of the vehicle.")] = "jacksboro"
+    home: Annotated[str | None, option("Home position, on flat ground.", "LAT,LON,ALT_AMSL")] = None
 
     def configured(self) -> "tuple[AutopilotName, GeoPoint, MockConfig]":
         """Its autopilot, its home, and what kind of vehicle it is.
@@ -69,25 +61,16 @@ class Imitated:
 class FlightConditions:
     """Time factor, link loss, wind and performance of the mock vehicle."""
 
-    speed: Annotated[float, typer.Option(help="Speed as a multiple of real time.")] = 1.0
-    loss: Annotated[float, typer.Option(help="Fraction of datagrams lost in each direction.")] = 0.0
-    wind_m_s: Annotated[float, typer.Option("--wind", help="Speed of the steady wind, in m/s.")] = 0.0
-    wind_from_deg: Annotated[
-        float, typer.Option("--wind-from", help="Direction from which the wind blows, in degrees.")
-    ] = 270.0
-    gust_m_s: Annotated[float, typer.Option("--gust", help="Standard deviation of the gusts, in m/s.")] = 0.0
-    gps_noise_m: Annotated[
-        float, typer.Option("--gps-noise", help="Standard deviation of the position, in metres.")
-    ] = 0.0
-    gps_latency_s: Annotated[float, typer.Option("--gps-latency", help="Delay of the GNSS position, in seconds.")] = 0.0
-    endurance_s: Annotated[
-        float | None, typer.Option("--endurance", help="Hover time on a full battery, in seconds.")
-    ] = None
+    speed: Annotated[float, option("Speed as a multiple of real time.")] = 1.0
+    loss: Annotated[float, option("Fraction of datagrams lost in each direction.")] = 0.0
+    wind_m_s: Annotated[float, option("--wind", "Speed of the steady wind, in m/s.")] = 0.0
+    wind_from_deg: Annotated[float, option("--wind-from", "Direction from which the wind blows, in degrees.")] = 270.0
+    gust_m_s: Annotated[float, option("--gust", "Standard deviation of the gusts, in m/s.")] = 0.0
+    gps_noise_m: Annotated[float, option("--gps-noise", "Standard deviation of the position, in metres.")] = 0.0
+    gps_latency_s: Annotated[float, option("--gps-latency", "Delay of the GNSS position, in seconds.")] = 0.0
+    endurance_s: Annotated[float | None, option("--endurance", "Hover time on a full battery, in seconds.")] = None
     behaviour: Annotated[
-        str,
-        typer.Option(
-            help="quick: the vehicle is ready after 2 s. observed: timing and messages match the real autopilots."
-        ),
+        str, option("quick: the vehicle is ready after 2 s. observed: timing and messages match the real autopilots.")
     ] = "quick"
 
     def added_to(self, config: "MockConfig", autopilot: "Autopilot") -> "MockConfig":
@@ -118,21 +101,17 @@ class FlightConditions:
 
 
 def mock_vehicle(
-    listen: Annotated[
-        str, typer.Option(help="udpin://HOST:PORT or tcpin://HOST:PORT. Port 0 selects a free port.", metavar="URL")
-    ],
+    listen: Annotated[str, option("udpin://HOST:PORT or tcpin://HOST:PORT. Port 0 selects a free port.", "URL")],
     *,
     imitated: Imitated,
     conditions: FlightConditions,
     truth: Annotated[
-        Path | None,
-        typer.Option(help="CSV file to which to write the true positions.", metavar="FILE.csv", show_default=False),
+        Path | None, option("CSV file to which to write the true positions.", "FILE.csv", show_default=False)
     ] = None,
     fault: Annotated[
-        list[str] | None,
-        typer.Option(help="Fault to simulate, as listed above. Can be repeated.", metavar="NAME[:ARG][@MOMENT]"),
+        list[str] | None, option("Fault to simulate, as listed above. Can be repeated.", "NAME[:ARG][@MOMENT]")
     ] = None,
-    until_eof: Annotated[bool, typer.Option("--until-eof", help="Exit when standard input closes.")] = False,
+    until_eof: Annotated[bool, option("--until-eof", "Exit when standard input closes.")] = False,
     seed: options.Seed = None,
     output: options.Output,
 ) -> int:

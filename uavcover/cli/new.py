@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 from uavcover.cli.survey_options import SurveyOptions
 
 if TYPE_CHECKING:
@@ -24,8 +25,7 @@ def new(
     ] = None,
     *,
     out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="Scenario file to write; default: named after the area.", metavar="FILE.toml"),
+        Path | None, option("-o", "--out", "Scenario file to write; default: named after the area.", "FILE.toml")
     ] = None,
     survey: SurveyOptions,
     autopilot: options.Autopilot = None,
@@ -42,7 +42,7 @@ def new(
     if "list" in (survey.camera, survey.vehicle):
         return _list(console, cameras=survey.camera == "list", vehicles=survey.vehicle == "list")
     from uavcover.new.command import new_scenarios, say_design, say_estimate
-    from uavcover.new.scenario_text import name_of  # the lists need no planner
+    from uavcover.new.survey import name_of  # the lists need no planner
     from uavcover.run.user import to_paste
 
     if area is None:

@@ -14,6 +14,17 @@ from typer.core import TyperGroup
 from uavcover.errors import InputError
 
 
+def option(*words: str, **more: Any) -> Any:
+    """A typer option: its names where they are not the parameter's, its help, and what stands for its value there.
+
+    >>> option("--dem", "Elevation data.", "FILE").metavar
+    'FILE'
+    """
+    names = [word for word in words if word.startswith("-")]
+    text, *metavar = words[len(names) :]
+    return typer.Option(*names, help=text, metavar=metavar[0] if metavar else None, **more)
+
+
 class Overview(TyperGroup):
     """The commands with the group they belong to in front; a group is what typer calls a help panel."""
 
@@ -41,124 +52,99 @@ if TYPE_CHECKING:
     from uavcover.flight.connect import ClientName, VehicleLink, VehiclePlace
     from uavcover.flight.orders import OnBreach
 
-Events = Annotated[bool, typer.Option("--events", help="Write messages and progress to stderr as JSON lines.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout, and everything else to stderr.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show only warnings and errors.")]
-Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show log messages. Use -vv for more.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
-ForcePlan = Annotated[
-    bool, typer.Option("--force", help="Replace an existing plan. A flown plan is moved to RUN/older-N.")
-]
+Events = Annotated[bool, option("--events", "Write messages and progress to stderr as JSON lines.")]
+Json = Annotated[bool, option("--json", "Print one JSON object to stdout, and everything else to stderr.")]
+Quiet = Annotated[bool, option("-q", "--quiet", "Show only warnings and errors.")]
+Verbose = Annotated[int, option("-v", "--verbose", "Show log messages. Use -vv for more.", count=True)]
+Force = Annotated[bool, option("--force", "Overwrite existing files.")]
+ForcePlan = Annotated[bool, option("--force", "Replace an existing plan. A flown plan is moved to RUN/older-N.")]
 Autopilot = Annotated[
-    str | None,
-    typer.Option(help="Autopilot: ardupilot or px4. Default: the scenario's autopilot.", metavar="ardupilot|px4"),
+    str | None, option("Autopilot: ardupilot or px4. Default: the scenario's autopilot.", "ardupilot|px4")
 ]
-Seed = Annotated[int | None, typer.Option(help="Random seed; default: the scenario's seed.")]
+Seed = Annotated[int | None, option("Random seed; default: the scenario's seed.")]
 Scheduler = Annotated[
     str | None,
-    typer.Option(
-        help=(
-            "Distribute the work: local:N starts N worker processes, tcp://HOST:PORT uses a Dask scheduler. It does "
-            "not change the result. Requires the extra cluster."
-        ),
-        metavar="local:N|tcp://HOST:PORT",
+    option(
+        "Distribute the work: local:N starts N worker processes, tcp://HOST:PORT uses a Dask scheduler. It does "
+        "not change the result. Requires the extra cluster.",
+        "local:N|tcp://HOST:PORT",
     ),
 ]
 To = Annotated[
     str,
-    typer.Option(
+    option(
         "--to",
-        help=(
-            "URL of the vehicle: mock:, udpin://HOST:PORT (listen), udpout://HOST:PORT (send), "
-            "udp:HOST:PORT, tcp:HOST:PORT or a serial port."
-        ),
-        metavar="URL",
+        "URL of the vehicle: mock:, udpin://HOST:PORT (listen), udpout://HOST:PORT (send), "
+        "udp:HOST:PORT, tcp:HOST:PORT or a serial port.",
+        "URL",
     ),
 ]
 ToEach = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--to",
-        help=(
-            "URL of the vehicle: mock:, udpin://HOST:PORT (listen), udpout://HOST:PORT (send), "
-            "udp:HOST:PORT, tcp:HOST:PORT or a serial port. For several vehicles, repeat the option: the "
-            "first is vehicle 1. Default: the link of each [[vehicle]]."
-        ),
-        metavar="URL",
+        "URL of the vehicle: mock:, udpin://HOST:PORT (listen), udpout://HOST:PORT (send), "
+        "udp:HOST:PORT, tcp:HOST:PORT or a serial port. For several vehicles, repeat the option: the "
+        "first is vehicle 1. Default: the link of each [[vehicle]].",
+        "URL",
     ),
 ]
 Logs = Annotated[
     list[Path] | None,
-    typer.Option(
+    option(
         "--log",
         "--track",
-        help="Flight track: .csv, .rrd, .bin, .tlog, .ulg or .gpx. Can be repeated. Default: RUN/track.csv.",
+        "Flight track: .csv, .rrd, .bin, .tlog, .ulg or .gpx. Can be repeated. Default: RUN/track.csv.",
     ),
 ]
 LogSystem = Annotated[
-    int | None,
-    typer.Option("--system", help="System ID of the vehicle, if the .tlog has several.", metavar="N", min=1, max=255),
+    int | None, option("--system", "System ID of the vehicle, if the .tlog has several.", "N", min=1, max=255)
 ]
 AcceptChanged = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--accept-changed",
-        help=(
-            "Judge the flight even though this input has changed: scenario, terrain, surface, obstacles, plan, "
-            "mission, track, version, record (run.json) or all. The verdict records the change. Can be repeated."
-        ),
-        metavar="WHAT",
+        "Judge the flight even though this input has changed: scenario, terrain, surface, obstacles, plan, "
+        "mission, track, version, record (run.json) or all. The verdict records the change. Can be repeated.",
+        "WHAT",
     ),
 ]
-Sortie = Annotated[
-    int | None, typer.Option("--sortie", help="Sortie number, if the plan has several sorties.", metavar="N", min=1)
-]
+Sortie = Annotated[int | None, option("--sortie", "Sortie number, if the plan has several sorties.", "N", min=1)]
 Vehicles = Annotated[
     int | None,
-    typer.Option(
-        "--vehicles",
-        help="Number of identical vehicles that fly at the same time; default: the scenario's number.",
-        metavar="N",
+    option(
+        "--vehicles", "Number of identical vehicles that fly at the same time; default: the scenario's number.", "N"
     ),
 ]
-Timeout = Annotated[
-    float, typer.Option("--timeout", help="Seconds to wait for the first heartbeat.", metavar="SECONDS")
-]
+Timeout = Annotated[float, option("--timeout", "Seconds to wait for the first heartbeat.", "SECONDS")]
 
 System = Annotated[
-    int | None,
-    typer.Option("--system", help="System ID of the vehicle, if several share the link.", metavar="N", min=1, max=255),
+    int | None, option("--system", "System ID of the vehicle, if several share the link.", "N", min=1, max=255)
 ]
 SystemEach = Annotated[
     list[int] | None,
-    typer.Option(
+    option(
         "--system",
-        help=(
-            "System ID of the vehicle, if several share the link. If several vehicles share one --to address, repeat this "
-            "option for each."
-        ),
-        metavar="N",
+        "System ID of the vehicle, if several share the link. If several vehicles share one --to address, repeat this "
+        "option for each.",
+        "N",
         min=1,
         max=255,
     ),
 ]
 Component = Annotated[
     int | None,
-    typer.Option(
-        "--component",
-        help="Component ID of the autopilot; default: 1, or that of the only autopilot.",
-        metavar="N",
-        min=1,
-        max=255,
+    option(
+        "--component", "Component ID of the autopilot; default: 1, or that of the only autopilot.", "N", min=1, max=255
     ),
 ]
 
 OwnSystem = Annotated[
     int,
-    typer.Option(
+    option(
         "--own-system",
-        help="MAVLink system ID of uavcover. Some vehicles accept commands from only one system ID.",
-        metavar="N",
+        "MAVLink system ID of uavcover. Some vehicles accept commands from only one system ID.",
+        "N",
         min=1,
         max=255,
     ),
@@ -166,48 +152,40 @@ OwnSystem = Annotated[
 
 LinkKind = Annotated[
     str,
-    typer.Option(
+    option(
         "--link",
-        help=(
-            "Type of link: default, telemetry-radio or satellite. It sets the initial timeouts, which then "
-            "adapt to the link."
-        ),
-        metavar="KIND",
+        "Type of link: default, telemetry-radio or satellite. It sets the initial timeouts, which then "
+        "adapt to the link.",
+        "KIND",
     ),
 ]
 
 SigningKeyFile = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--signing-key",
-        help="Sign all messages with the key in this file (MAVLink 2), and reject unsigned messages.",
-        metavar="FILE",
+        "Sign all messages with the key in this file (MAVLink 2), and reject unsigned messages.",
+        "FILE",
     ),
 ]
 
-ClientKind = Annotated[
-    str, typer.Option("--client", help="Client for transfers and commands: native or mavsdk.", metavar="native|mavsdk")
-]
+ClientKind = Annotated[str, option("--client", "Client for transfers and commands: native or mavsdk.", "native|mavsdk")]
 
 RequirePhotos = Annotated[
     bool,
-    typer.Option(
+    option(
         "--require-photos",
-        help=(
-            "Require photo reports from the vehicle. Without them, the flight is not proved. In flight, a missing "
-            "report raises an alarm."
-        ),
+        "Require photo reports from the vehicle. Without them, the flight is not proved. In flight, a missing "
+        "report raises an alarm.",
     ),
 ]
 OnBreachAction = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--on-breach",
-        help=(
-            "Action if the vehicle leaves the route, fence, height band or known ground, or if its mission "
-            "changes: tell, hold, return or land. Default: tell; hold for a simulated vehicle."
-        ),
-        metavar="tell|hold|return|land",
+        "Action if the vehicle leaves the route, fence, height band or known ground, or if its mission "
+        "changes: tell, hold, return or land. Default: tell; hold for a simulated vehicle.",
+        "tell|hold|return|land",
     ),
 ]
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 if TYPE_CHECKING:
     from uavcover.model.route import MissionSize
@@ -30,8 +31,7 @@ def select(
     *,
     autopilot: options.Autopilot = None,
     force: Annotated[
-        bool,
-        typer.Option("--force", help="Replace the route even if it was flown. It is moved to RUN/older-N."),
+        bool, option("--force", "Replace the route even if it was flown. It is moved to RUN/older-N.")
     ] = False,
     output: options.Output,
 ) -> int:
@@ -54,7 +54,7 @@ def select(
     )
     from uavcover.planner.select import choose
     from uavcover.planner.selection_rule import parse_rule
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder, flown_in
 
     console = output.console()
@@ -92,9 +92,7 @@ def select(
 def pareto(
     run: Annotated[Path, typer.Argument(help="Run folder with a plan.")],
     *,
-    plot: Annotated[
-        Path | None, typer.Option(help="Plot the routes to a .png, .svg or .pdf file.", metavar="FILE.png")
-    ] = None,
+    plot: Annotated[Path | None, option("Plot the routes to a .png, .svg or .pdf file.", "FILE.png")] = None,
     force: options.Force = False,
     output: options.Output,
 ) -> int:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from uavcover.cli import BEGUN_S, options
+from uavcover.cli.options import option
 from uavcover.cli.survey_options import SurveyOptions
 
 if TYPE_CHECKING:
@@ -21,77 +22,59 @@ class Search:
 
     algorithm: Annotated[
         str | None,
-        typer.Option(
-            help=(
-                "Algorithm: memetic, local-search, imodbo, modbo, nsga2, moead, pymoo:NSGA3 or your own "
-                "module:Class. Default: the scenario's algorithm."
-            )
+        option(
+            "Algorithm: memetic, local-search, imodbo, modbo, nsga2, moead, pymoo:NSGA3 or your own "
+            "module:Class. Default: the scenario's algorithm."
         ),
     ] = None
-    budget: Annotated[
-        str | None, typer.Option(help="Time limit, such as 30s or 5m, instead of a number of evaluations.")
-    ] = None
+    budget: Annotated[str | None, option("Time limit, such as 30s or 5m, instead of a number of evaluations.")] = None
     evaluations: Annotated[
-        int | None, typer.Option(help="Number of route evaluations. 50 proposals of the local search count as one.")
+        int | None, option("Number of route evaluations. 50 proposals of the local search count as one.")
     ] = None
     max_waypoints: Annotated[
-        int | None,
-        typer.Option(help="Maximum number of waypoints of the route, or of nodes if the encoding is waypoints."),
+        int | None, option("Maximum number of waypoints of the route, or of nodes if the encoding is waypoints.")
     ] = None
     parts: Annotated[
         str | None,
-        typer.Option(
-            help="Number of parts into which a large area is divided, or auto. Default: the scenario's value.",
-            metavar="N|auto",
-        ),
+        option("Number of parts into which a large area is divided, or auto. Default: the scenario's value.", "N|auto"),
     ] = None
     waypoint_price: Annotated[
         float | None,
-        typer.Option(
-            help=(
-                "Penalty for each waypoint, in seconds, or in metres if the objective is length. A higher "
-                "penalty gives fewer waypoints."
-            )
+        option(
+            "Penalty for each waypoint, in seconds, or in metres if the objective is length. A higher "
+            "penalty gives fewer waypoints."
         ),
     ] = None
     select: Annotated[
         str | None,
-        typer.Option(
-            help=(
-                "Rule that selects the route: weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N. "
-                "Optional conditions: ,sorties<=N ,vehicles<=N ,done<=40m."
-            ),
-            metavar="RULE",
+        option(
+            "Rule that selects the route: weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N. "
+            "Optional conditions: ,sorties<=N ,vehicles<=N ,done<=40m.",
+            "RULE",
         ),
     ] = None
     bounds: Annotated[
         str | None,
-        typer.Option(
-            help="Time to compute bounds after the search, such as 30s. A bound is a limit that no route can beat."
-        ),
+        option("Time to compute bounds after the search, such as 30s. A bound is a limit that no route can beat."),
     ] = None
     rally: Annotated[
         str | None,
-        typer.Option(
-            help=(
-                "Rally points. auto: propose them if the autopilot's own return is unsafe. home: use only home. "
-                "Default: the scenario's value."
-            ),
-            metavar="auto|home",
+        option(
+            "Rally points. auto: propose them if the autopilot's own return is unsafe. home: use only home. "
+            "Default: the scenario's value.",
+            "auto|home",
         ),
     ] = None
     autopilot: options.Autopilot = None
     vehicles: options.Vehicles = None
-    workers: Annotated[int | None, typer.Option(help="Number of threads. It does not change the result.")] = None
+    workers: Annotated[int | None, option("Number of threads. It does not change the result.")] = None
     scheduler: options.Scheduler = None
     memory: Annotated[
         str | None,
-        typer.Option(
-            help=(
-                "Memory limit on this machine, such as 4GiB or 800MiB. If necessary, a large area is divided "
-                "into more parts, and fewer are searched at a time."
-            ),
-            metavar="SIZE",
+        option(
+            "Memory limit on this machine, such as 4GiB or 800MiB. If necessary, a large area is divided "
+            "into more parts, and fewer are searched at a time.",
+            "SIZE",
         ),
     ] = None
     seed: options.Seed = None
@@ -104,7 +87,7 @@ def plan(
             help="A scenario file, the name of a bundled scenario (see doctor), or an area with --dem and --camera."
         ),
     ],
-    run: Annotated[Path, typer.Option("-o", "--out", help="Folder for the results (the run folder).", metavar="RUN")],
+    run: Annotated[Path, option("-o", "--out", "Folder for the results (the run folder).", "RUN")],
     *,
     search: Search,
     survey: SurveyOptions,
@@ -187,7 +170,7 @@ def _with_options(source: str, survey: SurveyOptions, console: "Console") -> "Si
     """The scenario on its ground, with the zones of more files, another time of flight, and its heights confirmed."""
     from dataclasses import replace
 
-    from uavcover.model.terrain import RasterTerrain
+    from uavcover.model.area import RasterTerrain
     from uavcover.new.quantities import flight_window
     from uavcover.new.tuning import TEXT
     from uavcover.scenario.scenario_file import load_scenario, with_no_fly

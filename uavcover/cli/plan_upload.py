@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,16 +28,15 @@ def upload(
     to: options.To,
     *,
     kind: Annotated[
-        str | None,
-        typer.Option("--type", help="List to upload: mission, fence, rally or all; default: every list in the file."),
+        str | None, option("--type", "List to upload: mission, fence, rally or all; default: every list in the file.")
     ] = None,
     vehicle: options.TransferOptions,
-    in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload even if the vehicle is armed.")] = False,
+    in_flight: Annotated[bool, option("--in-flight", "Upload even if the vehicle is armed.")] = False,
     as_file: Annotated[
         bool,
-        typer.Option(
+        option(
             "--as-file",
-            help="Upload the list as one file over MAVLink FTP (ArduPilot). If this fails, upload it item by item.",
+            "Upload the list as one file over MAVLink FTP (ArduPilot). If this fails, upload it item by item.",
         ),
     ] = False,
     output: options.Output,
@@ -110,12 +110,11 @@ class Planning:
     """Planning options, for a run without a plan."""
 
     run: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="Run folder for the plan; default: a folder named after the scenario."),
+        Path | None, option("-o", "--out", "Run folder for the plan; default: a folder named after the scenario.")
     ] = None
-    select: Annotated[str | None, typer.Option(help="Rule that selects the route of the plan.", metavar="RULE")] = None
-    budget: Annotated[str | None, typer.Option(help="Time limit for planning.")] = None
-    evaluations: Annotated[int | None, typer.Option(help="Number of route evaluations during planning.")] = None
+    select: Annotated[str | None, option("Rule that selects the route of the plan.", "RULE")] = None
+    budget: Annotated[str | None, option("Time limit for planning.")] = None
+    evaluations: Annotated[int | None, option("Number of route evaluations during planning.")] = None
     seed: options.Seed = None
 
     def given(self) -> list[str]:
@@ -136,7 +135,7 @@ def plan_upload(
     sortie: options.Sortie = None,
     planning: Planning,
     vehicle: EachTransfer,
-    in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload even if the vehicle is armed.")] = False,
+    in_flight: Annotated[bool, option("--in-flight", "Upload even if the vehicle is armed.")] = False,
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:
@@ -150,7 +149,7 @@ def plan_upload(
     from uavcover.flight.upload import upload_run
     from uavcover.planner.command import PlanRequest, plan_into
     from uavcover.plugins import load
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import to_paste
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 # ``uavcover inspect``: look at the recording of a flight.
 
@@ -13,13 +14,9 @@ from uavcover.cli import options
 def inspect(
     run: Annotated[Path, typer.Argument(help="Run folder with flight.rrd, or a .rrd file.")],
     *,
-    text: Annotated[bool, typer.Option("--text", help="Print the contents of the recording.")] = False,
-    screenshot: Annotated[
-        Path | None, typer.Option(help="Write a screenshot. This works without a display.", metavar="FILE.png")
-    ] = None,
-    at: Annotated[
-        float, typer.Option(help="Time of the screenshot, from 0 (start of the flight) to 1 (end).", metavar="SHARE")
-    ] = 1.0,
+    text: Annotated[bool, option("--text", "Print the contents of the recording.")] = False,
+    screenshot: Annotated[Path | None, option("Write a screenshot. This works without a display.", "FILE.png")] = None,
+    at: Annotated[float, option("Time of the screenshot, from 0 (start of the flight) to 1 (end).", "SHARE")] = 1.0,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
@@ -54,22 +51,18 @@ def report(
     run: Annotated[Path, typer.Argument(help="Run folder with a plan, and with track.csv if it was flown.")],
     *,
     page: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Output file; default: RUN/report.html.", metavar="FILE.html")
+        Path | None, option("-o", "--output", "Output file; default: RUN/report.html.", "FILE.html")
     ] = None,
     log: Annotated[
         list[Path] | None,
-        typer.Option(help="Track of the flight (same formats as verify). Can be repeated. Default: RUN/track.csv."),
+        option("Track of the flight (same formats as verify). Can be repeated. Default: RUN/track.csv."),
     ] = None,
     figures: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder for figures that show the ground and the routes from the side and from above.", metavar="DIR"
-        ),
+        option("Folder for figures that show the ground and the routes from the side and from above.", "DIR"),
     ] = None,
-    background: Annotated[
-        Path | None, typer.Option(help="Your own background map: GeoTIFF or MBTiles.", metavar="FILE")
-    ] = None,
-    show: Annotated[bool, typer.Option("--open", help="Open the report in your browser.")] = False,
+    background: Annotated[Path | None, option("Your own background map: GeoTIFF or MBTiles.", "FILE")] = None,
+    show: Annotated[bool, option("--open", "Open the report in your browser.")] = False,
     force: options.Force = False,
     output: options.Output,
 ) -> int:

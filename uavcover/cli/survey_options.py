@@ -3,12 +3,12 @@
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from uavcover.cli.options import option
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
     from uavcover.flight.vehicle_terrain import ElevationData
-    from uavcover.model.detection import DetectionCurve
+    from uavcover.new.catalog import DetectionCurve
     from uavcover.new.elevation_questions import NewRequest
 
 # Options for the accuracy of photos, and for the target of a search, of ``judge-photos`` and ``verify``.
@@ -19,32 +19,18 @@ class PhotoOptions:
     """Heights of photos, and assumed errors where they record none."""
 
     takeoff: Annotated[
-        str | None,
-        typer.Option(
-            help="Take-off position of the vehicle. Photo heights are then relative to it.", metavar="LAT,LON"
-        ),
+        str | None, option("Take-off position of the vehicle. Photo heights are then relative to it.", "LAT,LON")
     ] = None
     geoid_height: Annotated[
         float | None,
-        typer.Option(
-            help="Height of mean sea level above the ellipsoid, for use if PROJ has no geoid grid.", metavar="METRES"
-        ),
+        option("Height of mean sea level above the ellipsoid, for use if PROJ has no geoid grid.", "METRES"),
     ] = None
-    position_error: Annotated[
-        float, typer.Option(help="Position error of photos that do not state one.", metavar="METRES")
-    ] = 3.0
-    height_error: Annotated[
-        float, typer.Option(help="Height error of photos that do not state one.", metavar="METRES")
-    ] = 10.0
-    angle_error: Annotated[
-        float, typer.Option(help="Error of the camera angles in the photo metadata.", metavar="DEGREES")
-    ] = 2.0
+    position_error: Annotated[float, option("Position error of photos that do not state one.", "METRES")] = 3.0
+    height_error: Annotated[float, option("Height error of photos that do not state one.", "METRES")] = 10.0
+    angle_error: Annotated[float, option("Error of the camera angles in the photo metadata.", "DEGREES")] = 2.0
 
     max_blur: Annotated[
-        float | None,
-        typer.Option(
-            help="Ignore photos in which the ground moves more than this during the exposure.", metavar="PIXELS"
-        ),
+        float | None, option("Ignore photos in which the ground moves more than this during the exposure.", "PIXELS")
     ] = None
 
     def assumed(self) -> dict[str, Any]:
@@ -55,12 +41,12 @@ class PhotoOptions:
         """
         from uavcover.errors import InputError
 
-        for option, value in (
+        for name, value in (
             ("--position-error", self.position_error), ("--height-error", self.height_error),
             ("--angle-error", self.angle_error),
         ):  # fmt: skip
             if not 0.0 <= value < 1000.0:
-                raise InputError(f"{option}: {value:g} is out of range; use 0 or more")
+                raise InputError(f"{name}: {value:g} is out of range; use 0 or more")
         if self.max_blur is not None and not 0.0 < self.max_blur < 1000.0:
             raise InputError(f"--max-blur: {self.max_blur:g} is out of range; use pixels above 0, such as 1")
         if self.geoid_height is not None and not abs(self.geoid_height) <= 200.0:
@@ -84,12 +70,9 @@ class SearchOptions:
     """Target of the search, and the required probability of detection."""
 
     detection: Annotated[
-        str | None,
-        typer.Option(
-            help="Detection curve: a name, your own TOML file, or list to show the names.", metavar="NAME|FILE.toml"
-        ),
+        str | None, option("Detection curve: a name, your own TOML file, or list to show the names.", "NAME|FILE.toml")
     ] = None
-    pod: Annotated[float | None, typer.Option(help="Required mean probability of detection, such as 0.8.")] = None
+    pod: Annotated[float | None, option("Required mean probability of detection, such as 0.8.")] = None
 
     def curve(self) -> "DetectionCurve | None":
         """Probability that one look finds the target; none without a search.
@@ -98,7 +81,7 @@ class SearchOptions:
             InputError: it is not known, or the probability asked for is none.
         """
         from uavcover.errors import InputError
-        from uavcover.new.detection import curve_named
+        from uavcover.new.catalog import curve_named
 
         if self.pod is not None and not 0.0 < self.pod <= 1.0:
             raise InputError(f"--pod: {self.pod:g} is not a probability; specify a value above 0 and at most 1")
@@ -113,7 +96,7 @@ class SearchOptions:
 
 def list_curves(console: "Console") -> int:
     """Say which curves of detection come with the package."""
-    from uavcover.new.detection import all_curves
+    from uavcover.new.catalog import all_curves
 
     curves = all_curves()
     console.say(f"{'curve':20}{'50 % detection at':>30}  title")
@@ -126,69 +109,46 @@ def list_curves(console: "Console") -> int:
 
 Dem = Annotated[
     list[str] | None,
-    typer.Option(
-        "--dem", help="Elevation data: a raster, or a folder or pattern of tiles. Can be repeated.", metavar="FILE"
-    ),
+    option("--dem", "Elevation data: a raster, or a folder or pattern of tiles. Can be repeated.", "FILE"),
 ]
 Dsm = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--dsm",
-        help=(
-            "Surface model with trees and roofs, in addition to the ground of --dem. Heights above ground "
-            "then refer to the higher of both. Can be repeated."
-        ),
-        metavar="FILE",
+        "Surface model with trees and roofs, in addition to the ground of --dem. Heights above ground "
+        "then refer to the higher of both. Can be repeated.",
+        "FILE",
     ),
 ]
 VerticalDatum = Annotated[
     str | None,
-    typer.Option(
-        "--vertical-datum", help="Vertical datum of the elevation data: EGM96, EGM2008 or ellipsoid.", metavar="DATUM"
-    ),
+    option("--vertical-datum", "Vertical datum of the elevation data: EGM96, EGM2008 or ellipsoid.", "DATUM"),
 ]
 DemCrs = Annotated[
-    str | None,
-    typer.Option(
-        "--dem-crs", help="Coordinate system of the elevation data, if the file does not state it.", metavar="EPSG:N"
-    ),
+    str | None, option("--dem-crs", "Coordinate system of the elevation data, if the file does not state it.", "EPSG:N")
 ]
 HeightUnit = Annotated[
     str | None,
-    typer.Option(
-        "--height-unit",
-        help="Unit of the elevation data, if the file does not state it: m, cm, ft or us-ft.",
-        metavar="UNIT",
-    ),
+    option("--height-unit", "Unit of the elevation data, if the file does not state it: m, cm, ft or us-ft.", "UNIT"),
 ]
 At = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--at",
-        help=(
-            "Time of the flight, as START/END or START/2h, such as 2026-07-01T09:00Z/2h. The default duration is 2h. "
-            "No-fly zones that are inactive during the flight are ignored."
-        ),
-        metavar="TIME",
+        "Time of the flight, as START/END or START/2h, such as 2026-07-01T09:00Z/2h. The default duration is 2h. "
+        "No-fly zones that are inactive during the flight are ignored.",
+        "TIME",
     ),
 ]
 WaterHeight = Annotated[
     str | None,
-    typer.Option(
-        "--water-height",
-        help="Treat missing elevation data as open water at this altitude, such as 0m.",
-        metavar="HEIGHT",
-    ),
+    option("--water-height", "Treat missing elevation data as open water at this altitude, such as 0m.", "HEIGHT"),
 ]
 TrustDem = Annotated[
     bool,
-    typer.Option(
-        "--trust-dem", help="Accept suspicious elevation data, such as filled voids, spikes and steps between tiles."
-    ),
+    option("--trust-dem", "Accept suspicious elevation data, such as filled voids, spikes and steps between tiles."),
 ]
-Band = Annotated[
-    str | None, typer.Option("--band", help="Number or name of the band with the heights; default: the first band.")
-]
+Band = Annotated[str | None, option("--band", "Number or name of the band with the heights; default: the first band.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,87 +182,62 @@ class SurveyOptions:
 
     dem: Dem = None
     dsm: Dsm = None
-    camera: Annotated[
-        str | None, typer.Option(help="Camera: a name, your own TOML file, or list to show the names.", metavar="NAME")
-    ] = None
-    gsd: Annotated[
-        str | None, typer.Option(help="Maximum ground sample distance, such as 2.5cm.", metavar="LENGTH")
-    ] = None
-    overlap: Annotated[
-        str | None, typer.Option(help="Forward and side overlap in percent; default: 75/70.", metavar="F/S")
-    ] = None
-    battery: Annotated[
-        str | None, typer.Option(help="Flight time on a full battery, such as 25min.", metavar="TIME")
-    ] = None
-    vehicle: Annotated[
-        str | None, typer.Option(help="Vehicle: a name, your own TOML file, or list to show the names.", metavar="NAME")
-    ] = None
-    home: Annotated[
-        str | None,
-        typer.Option(
-            help="Take-off position; default: the lowest level ground at the edge of the area.", metavar="LAT,LON"
-        ),
-    ] = None
-    max_height: Annotated[
-        str | None, typer.Option(help="Maximum height above ground; default: 120m.", metavar="LENGTH")
-    ] = None
-    speed: Annotated[
-        str | None, typer.Option(help="Ground speed; default: the vehicle's speed, or 10m/s.", metavar="SPEED")
-    ] = None
-    margin: Annotated[
-        str | None,
-        typer.Option(
-            help="Distance by which the area is extended; default: far enough for full overlap at its edge.",
-            metavar="LENGTH",
-        ),
-    ] = None
-    mount: Annotated[str | None, typer.Option(help="Camera mount: stabilised (default) or fixed.", metavar="MOUNT")] = (
+    camera: Annotated[str | None, option("Camera: a name, your own TOML file, or list to show the names.", "NAME")] = (
         None
     )
+    gsd: Annotated[str | None, option("Maximum ground sample distance, such as 2.5cm.", "LENGTH")] = None
+    overlap: Annotated[str | None, option("Forward and side overlap in percent; default: 75/70.", "F/S")] = None
+    battery: Annotated[str | None, option("Flight time on a full battery, such as 25min.", "TIME")] = None
+    vehicle: Annotated[
+        str | None, option("Vehicle: a name, your own TOML file, or list to show the names.", "NAME")
+    ] = None
+    home: Annotated[
+        str | None, option("Take-off position; default: the lowest level ground at the edge of the area.", "LAT,LON")
+    ] = None
+    max_height: Annotated[str | None, option("Maximum height above ground; default: 120m.", "LENGTH")] = None
+    speed: Annotated[str | None, option("Ground speed; default: the vehicle's speed, or 10m/s.", "SPEED")] = None
+    margin: Annotated[
+        str | None,
+        option("Distance by which the area is extended; default: far enough for full overlap at its edge.", "LENGTH"),
+    ] = None
+    mount: Annotated[str | None, option("Camera mount: stabilised (default) or fixed.", "MOUNT")] = None
     vertical_datum: VerticalDatum = None
     dem_crs: DemCrs = None
     height_unit: HeightUnit = None
     band: Band = None
     trust_dem: TrustDem = False
     fill_lakes: Annotated[
-        str | None,
-        typer.Option(help="Interpolate gaps in the elevation data up to this length, such as 200m.", metavar="LENGTH"),
+        str | None, option("Interpolate gaps in the elevation data up to this length, such as 200m.", "LENGTH")
     ] = None
     water_height: WaterHeight = None
     no_fly: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--no-fly",
-            help=(
-                "No-fly zones: an ED-269, ED-318, OpenAir, GeoJSON or KML file, or another area format. Can be "
-                "repeated."
-            ),
-            metavar="FILE",
+            "No-fly zones: an ED-269, ED-318, OpenAir, GeoJSON or KML file, or another area format. Can be repeated.",
+            "FILE",
         ),
     ] = None
     at: At = None
     pattern: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--pattern",
-            help=(
-                "Flight pattern: single (default), crosshatch (two crossing flights) or oblique (one vertical and "
-                "four tilted flights)."
-            ),
-            metavar="NAME",
+            "Flight pattern: single (default), crosshatch (two crossing flights) or oblique (one vertical and "
+            "four tilted flights).",
+            "NAME",
         ),
     ] = None
-    layer: Annotated[str | None, typer.Option(help="Layer or folder in the area file.")] = None
-    feature: Annotated[str | None, typer.Option(help="Name or number (from 1) of a feature in the area file.")] = None
+    layer: Annotated[str | None, option("Layer or folder in the area file.")] = None
+    feature: Annotated[str | None, option("Name or number (from 1) of a feature in the area file.")] = None
     crs: Annotated[
-        str | None,
-        typer.Option(help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"),
+        str | None, option("Coordinate system of the area file, if the file does not state it.", "EPSG:N")
     ] = None
     make_valid: Annotated[
-        bool, typer.Option("--make-valid", help="Repair outlines that cross themselves, and close open rings.")
+        bool, option("--make-valid", "Repair outlines that cross themselves, and close open rings.")
     ] = False
     swap_axes: Annotated[
-        bool, typer.Option("--swap-axes", help="Read coordinates in the area file as latitude (or north) first.")
+        bool, option("--swap-axes", "Read coordinates in the area file as latitude (or north) first.")
     ] = False
 
     def given(self) -> list[str]:

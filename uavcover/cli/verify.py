@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 from uavcover.cli.survey_options import PhotoOptions, SearchOptions, SurveyOptions
 
 # ``uavcover gaps``: the unobserved cells, and a mission that flies only them.
@@ -19,17 +20,13 @@ def gaps(
     system: options.LogSystem = None,
     accept_changed: options.AcceptChanged = None,
     target: Annotated[
-        float | None,
-        typer.Option(help="Required coverage of the visible ground, such as 0.98; default: 1.", metavar="SHARE"),
+        float | None, option("Required coverage of the visible ground, such as 0.98; default: 1.", "SHARE")
     ] = None,
-    min_area_m2: Annotated[
-        float, typer.Option("--min-area", help="Ignore gaps smaller than this, in square metres.", metavar="M2")
-    ] = 0.0,
+    min_area_m2: Annotated[float, option("--min-area", "Ignore gaps smaller than this, in square metres.", "M2")] = 0.0,
     start: Annotated[
-        str,
-        typer.Option(help="Start of the mission: home, or the last position in the log (last).", metavar="home|last"),
+        str, option("Start of the mission: home, or the last position in the log (last).", "home|last")
     ] = "home",
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing gap mission and its flight.")] = False,
+    force: Annotated[bool, option("--force", "Replace an existing gap mission and its flight.")] = False,
     output: options.Output,
 ) -> int:
     """List the gaps in coverage with their reasons, and plan a mission that closes them.
@@ -62,26 +59,18 @@ def verify(
     system: options.LogSystem = None,
     photos: Annotated[
         list[Path] | None,
-        typer.Option(
+        option(
             "--photos",
-            help=(
-                "Photos of the flight (same sources as judge-photos). Coverage is then computed from the photos. Can be repeated."
-            ),
-            metavar="FOLDER",
+            "Photos of the flight (same sources as judge-photos). Coverage is then computed from the photos. Can be repeated.",
+            "FOLDER",
         ),
     ] = None,
     area: Annotated[
-        str | None,
-        typer.Option(help="Area to observe, for a flight without a run folder (same formats as uavcover new)."),
+        str | None, option("Area to observe, for a flight without a run folder (same formats as uavcover new).")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            help="Folder for the verdict of a flight without a run folder; default: verdict.",
-            metavar="FOLDER",
-        ),
+        option("-o", "--out", "Folder for the verdict of a flight without a run folder; default: verdict.", "FOLDER"),
     ] = None,
     survey: SurveyOptions,
     belief: PhotoOptions,
@@ -146,32 +135,17 @@ def verify(
                 raise InputError(f"{option}: this option applies only to photos: add --photos")
     if evidence.photos and scheduler is not None:
         raise InputError("--scheduler: this option distributes the coverage of a track; omit it with --photos")
-    pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
+    pictures = JudgedPictures(PictureEvidence(photos_required=require_photos) if area is None else NO_PICTURES)
     if of_photos is not None and evidence.photos:
         report = of_photos.verify_evidence(
             folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ()
         )
-    elif area is not None:
-        _, report = verify_run(
-            folder,
-            console,
-            command=sys.argv,
-            logs=evidence.logs,
-            pictures=JudgedPictures(NO_PICTURES),
-            scheduler=scheduler,
-            system=system,
-        )
     else:
         _, report = verify_run(
-            folder,
-            console,
-            command=sys.argv,
-            logs=evidence.logs,
-            accepted=accept_changed or (),
-            pictures=pictures,
-            scheduler=scheduler,
-            system=system,
-        )
-        console.suggest(to_paste("report", run), *([to_paste("gaps", run)] if report["gaps"] else []))
+            folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or () if area is None else (),
+            pictures=pictures, scheduler=scheduler, system=system,
+        )  # fmt: skip
+        if area is None:
+            console.suggest(to_paste("report", run), *([to_paste("gaps", run)] if report["gaps"] else []))
     console.result(report)
     return 0 if report["passed"] else 1

@@ -11,10 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from uavcover.cli import options
 from uavcover.cli.console import Console
+from uavcover.cli.options import option
 from uavcover.errors import INTERRUPTED, InputError, VehicleError
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, fly_run
 from uavcover.flight.connect import VehicleLink, require_home
@@ -32,16 +31,12 @@ from uavcover.verification.command import verify_run
 
 def demo(
     *,
-    run: Annotated[
-        Path, typer.Option("-o", "--out", help="Folder for the results (the run folder).", metavar="RUN")
-    ] = Path("out"),
-    scenario: Annotated[str, typer.Option(help="Scenario to fly.")] = "jacksboro",
-    evaluations: Annotated[
-        int | None, typer.Option(help="Number of route evaluations; default: the scenario's number.")
-    ] = None,
+    run: Annotated[Path, option("-o", "--out", "Folder for the results (the run folder).", "RUN")] = Path("out"),
+    scenario: Annotated[str, option("Scenario to fly.")] = "jacksboro",
+    evaluations: Annotated[int | None, option("Number of route evaluations; default: the scenario's number.")] = None,
     seed: options.Seed = None,
     autopilot: options.Autopilot = None,
-    speed: Annotated[float, typer.Option(help="Speed of the mock vehicle, as a multiple of real time.")] = 100.0,
+    speed: Annotated[float, option("Speed of the mock vehicle, as a multiple of real time.")] = 100.0,
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:

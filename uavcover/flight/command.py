@@ -21,7 +21,7 @@ from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording.writer import write_recording
 from uavcover.run import provenance
-from uavcover.run.flight_folders import GAP_FOLDER, TRACK, flown_tracks, read_planned, whole_run
+from uavcover.run.documents import GAP_FOLDER, TRACK, flown_tracks, read_planned, whole_run
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.judged_inputs import was_flown
 from uavcover.run.provenance import note_files, seal_flight

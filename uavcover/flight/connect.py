@@ -46,9 +46,9 @@ from uavcover.model.scenario import Scenario
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import load
 from uavcover.run.folder import RunFolder
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 
 _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
 """Timeout and interval of the question to an armed vehicle whether it stands on the ground."""

@@ -36,8 +36,8 @@ from uavcover.run.folder import (
 from uavcover.run.provenance import note_files
 from uavcover.run.track_file import SpaceReserve, TrackWriter
 from uavcover.run.user import ProgressBar, User
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.site_maps import judging_map
 
 TELEMETRY_LOG = "flight.tlog"

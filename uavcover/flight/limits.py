@@ -22,7 +22,7 @@ from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import PREPARATION
 from uavcover.kernels.flight_time import Pace, mission_time
-from uavcover.missions.failsafe_parameters import failsafe_parameter_groups
+from uavcover.missions.failsafes import failsafe_parameter_groups
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 from uavcover.model.vehicle import MOTIONS

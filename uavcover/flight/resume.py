@@ -29,8 +29,15 @@ from uavcover.model.outcome import Ending, EventKind, FlightFaultError, FlightOu
 from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
 from uavcover.planner.plan_files import save_plan
-from uavcover.run.documents import PlannedDocument, read_plan_document
-from uavcover.run.flight_folders import LINK, TRACK, flights_of, next_folder, track_sha256
+from uavcover.run.documents import (
+    LINK,
+    TRACK,
+    PlannedDocument,
+    flights_of,
+    next_folder,
+    read_plan_document,
+    track_sha256,
+)
 from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import note_in_run, read_record
 from uavcover.run.track_file import read_track

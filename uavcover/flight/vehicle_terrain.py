@@ -30,7 +30,7 @@ from mission_io.protocol.terrain import (
 )
 from uavcover.errors import InputError, OutputError, TerrainError
 from uavcover.flight.tuning import TERRAIN
-from uavcover.model.terrain import HeightUnit, RasterTerrain
+from uavcover.model.area import HeightUnit, RasterTerrain
 from uavcover.new.quantities import water_height_m
 from uavcover.new.terrain_look import possible_datums
 from uavcover.run.file_group import write_file
@@ -38,8 +38,8 @@ from uavcover.run.user import User
 from uavcover.scenario.scenario_file import surface_source, terrain_source
 from uavcover.scenario.site import Site
 from uavcover.terrain.elevation_file import read_heights_amsl_m
+from uavcover.terrain.file_heights import ELLIPSOID, datum_named
 from uavcover.terrain.terrain_source import Bounds, TerrainSource, find_tiles
-from uavcover.terrain.vertical import ELLIPSOID, datum_named
 
 _log = logging.getLogger(__name__)
 

@@ -10,19 +10,19 @@ import shapely
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.obstacle_breach import tops_near_m
-from uavcover.missions.failsafe_parameters import FailsafeSettings
 from uavcover.missions.failsafe_path import predict
-from uavcover.missions.failsafe_states import (
+from uavcover.missions.failsafes import (
     HOME,
     Danger,
     Destinations,
     FailsafePaths,
+    FailsafeSettings,
     FlightStates,
     Stage,
     UnsafeReturn,
     joined_returns,
 )
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.obstacles import Prism, leg_breaches
 from uavcover.terrain.frames import LocalFrame

@@ -11,14 +11,15 @@ from dataclasses import replace
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.missions.failsafe_parameters import FailsafeSettings, Response
-from uavcover.missions.failsafe_states import (
+from uavcover.missions.failsafes import (
     CEILING_BIT,
     HOME,
     IN_PLACE,
     Destinations,
     FailsafePaths,
+    FailsafeSettings,
     FlightStates,
+    Response,
     Stage,
     ardupilot_destination,
     px4_destination,

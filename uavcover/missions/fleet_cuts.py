@@ -5,6 +5,10 @@ limits are tried; each cut's flights are shared out by branch and bound, which b
 1969, doi 10.1137/0117039); the best few, and even cuts, are improved by moving, removing and adding single cuts. Among cuts that
 are done equally soon the one of least total time is taken. ``tests/naive/fleet.py`` tries everything, on small cases: all of 622
 random ones were found.
+
+Cuts for vehicles that differ begin with the splits that each vehicle would have by itself, and with those of a vehicle that has
+the best of all of them. Their flights are shared out longest first, to whom they end earliest, and then moved and exchanged while
+that helps.
 """
 
 import itertools
@@ -14,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uavcover.kernels.way_cost import FlightCosts, flight_s, split
+from uavcover.kernels.way_cost import NO_ENERGIES, FlightCosts, flight_s, split
 from uavcover.missions.flight_costs import flights_of_split
 
 _LIMITS = 48
@@ -32,9 +36,13 @@ FLIGHTS_EACH = 3
 """Even splits into up to this number of flights for each vehicle are improved, too."""
 _ROUNDS = 100
 _EQUAL_S = 1e-6
+_IMPOSSIBLE_S = 1e9
+"""Time that counts for a flight that no vehicle can fly, so that fewer of them are better."""
 _BISECTIONS = 20
 
 Cuts = tuple[tuple[int, int], ...]
+FlightsOfVehicles = Sequence[tuple[int, int, int]]
+"""First and last waypoint of each flight, and the number of its vehicle, from 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +51,7 @@ class Shared:
 
     makespan_s: float  # from the first take-off to the last landing
     vehicle_of: tuple[int, ...]  # number of its vehicle, from 0, for each flight
+    total_s: float  # time of all flights
 
 
 def share_out(
@@ -67,7 +76,7 @@ def share_out(
     vehicle_of = [0] * len(order)
     for place, k in enumerate(order):
         vehicle_of[k] = search.best_of[place]
-    return Shared(search.best_s - turnaround_s, tuple(vehicle_of))
+    return Shared(search.best_s - turnaround_s, tuple(vehicle_of), math.fsum(durations_s))
 
 
 @dataclass(slots=True)
@@ -164,7 +173,7 @@ class CutSearch:
     def __init__(self, costs: FlightCosts, vehicles: int, turnaround_s: float, spacing_s: float) -> None:
         self._costs, self._vehicles, self._turnaround_s, self._spacing_s = costs, vehicles, turnaround_s, spacing_s
         self._times_s: dict[tuple[int, int], float] = {}
-        self._values: dict[Cuts, tuple[float, float]] = {}
+        self._shared: dict[Cuts, Shared] = {}
 
     def time_s(self, first: int, last: int) -> float:
         """Time of the flight from one waypoint to another, with its transits."""
@@ -173,17 +182,22 @@ class CutSearch:
             self._times_s[key] = float(flight_s(self._costs, first, last))
         return self._times_s[key]
 
+    def shared(self, cuts: Cuts) -> Shared:
+        """The flights of a cut, shared out once; infinite where a flight is not permitted."""
+        if cuts not in self._shared:
+            self._shared[cuts] = self._share_out(cuts)
+        return self._shared[cuts]
+
+    def _share_out(self, cuts: Cuts) -> Shared:
+        times_s = [self.time_s(*flight) for flight in cuts]
+        if not all(map(math.isfinite, times_s)):
+            return Shared(math.inf, (), math.inf)
+        return share_out(times_s, self._vehicles, self._turnaround_s, spacing_s=self._spacing_s)
+
     def value(self, cuts: Cuts) -> tuple[float, float]:
-        """Last landing, and the total time of the flights; infinite where a flight is not permitted."""
-        if cuts not in self._values:
-            times = [self.time_s(*flight) for flight in cuts]
-            if all(map(math.isfinite, times)):
-                shared = share_out(times, self._vehicles, self._turnaround_s, spacing_s=self._spacing_s)
-                makespan_s = shared.makespan_s
-                self._values[cuts] = (_rounded(makespan_s), _rounded(math.fsum(times)))
-            else:
-                self._values[cuts] = (math.inf, math.inf)
-        return self._values[cuts]
+        """Last landing, and the total time of the flights."""
+        shared = self.shared(cuts)
+        return _rounded(shared.makespan_s), _rounded(shared.total_s)
 
     def bound_s(self, cuts: Cuts) -> float:
         """No sharing out is done sooner."""
@@ -233,7 +247,7 @@ class CutSearch:
 
     def is_possible(self, cuts: Cuts) -> bool:
         """Whether each of the flights may be flown."""
-        return math.isfinite(self.value(cuts)[0])
+        return self.value(cuts)[0] < 0.5 * _IMPOSSIBLE_S
 
     def _split(self, longest_s: float) -> Cuts | None:
         total_s, begun = split(self._costs._replace(endurance_s=longest_s))
@@ -276,3 +290,136 @@ class CutSearch:
 def _rounded(seconds: float) -> float:
     """So that rounding errors of sums do not choose between equal cuts."""
     return round(seconds, 6)
+
+
+def share_out_unlike(times_s: Sequence[Sequence[float]], *, turnaround_s: float, ready_s: Sequence[float]) -> Shared:
+    """Share out flights among vehicles that differ.
+
+    Args:
+        times_s: for each flight, how long each vehicle takes; infinite where it cannot fly it, which counts as ``_IMPOSSIBLE_S``.
+        turnaround_s: between two flights of one vehicle.
+        ready_s: when each vehicle may take off first.
+    """
+    jobs_s = [[time_s + turnaround_s if math.isfinite(time_s) else _IMPOSSIBLE_S for time_s in row] for row in times_s]
+    vehicles = range(len(ready_s))
+    loads_s = list(ready_s)
+    vehicle_of = [0] * len(jobs_s)
+    for job in sorted(range(len(jobs_s)), key=lambda j: (-min(jobs_s[j]), j)):
+        own = min(vehicles, key=lambda k: (loads_s[k] + jobs_s[job][k], k))
+        vehicle_of[job] = own
+        loads_s[own] += jobs_s[job][own]
+
+    def value() -> tuple[float, float]:
+        ends_s = [loads_s[k] for k in set(vehicle_of)]
+        return max(ends_s), math.fsum(jobs_s[job][k] for job, k in enumerate(vehicle_of))
+
+    def move(job: int, to: int) -> None:
+        loads_s[vehicle_of[job]] -= jobs_s[job][vehicle_of[job]]
+        loads_s[to] += jobs_s[job][to]
+        vehicle_of[job] = to
+
+    best = value()
+    better = True
+    while better:
+        better = False
+        for one in range(len(jobs_s)):
+            trials: list[tuple[int, int, int | None]] = [(one, k, None) for k in vehicles if k != vehicle_of[one]]
+            trials += [(one, vehicle_of[j], j) for j in range(one + 1, len(jobs_s)) if vehicle_of[j] != vehicle_of[one]]
+            for job, to, other in trials:
+                before = vehicle_of[job]
+                if before == to or (other is not None and vehicle_of[other] != to):
+                    continue
+                move(job, to)
+                if other is not None:
+                    move(other, before)
+                now = value()
+                if now[0] < best[0] - _EQUAL_S or (now[0] < best[0] + _EQUAL_S and now[1] < best[1] - _EQUAL_S):
+                    best, better = now, True
+                    continue
+                move(job, before)
+                if other is not None:
+                    move(other, to)
+    return Shared(best[0] - turnaround_s, tuple(vehicle_of), best[1] - turnaround_s * len(jobs_s))
+
+
+def unlike_cuts(
+    costs: Sequence[FlightCosts], *, turnaround_s: float, ready_s: Sequence[float], one_at_a_time: bool = False
+) -> FlightsOfVehicles | None:
+    """The flights, in the order of the route, with their vehicles; none when no split is found.
+
+    Args:
+        costs: of the flights that are possible to each vehicle.
+        turnaround_s: between two flights of one vehicle.
+        ready_s: when each vehicle may take off first.
+        one_at_a_time: no vehicle flies before the one before it has landed, and ``turnaround_s`` is between any two flights.
+    """
+    search = (
+        _OneAtATime(costs, turnaround_s, ready_s) if one_at_a_time else _UnlikeCutSearch(costs, turnaround_s, ready_s)
+    )
+    found: set[Cuts] = set()
+    for each in (*costs, _best_of(costs)):
+        found |= CutSearch(each, len(costs), turnaround_s, 0.0).by_limits()
+    even = {search.even(flights) for flights in range(1, FLIGHTS_EACH * len(costs) + 1)}
+    starts = dict.fromkeys([*search.best(found), *search.best(even)])
+    improved = [search.improved(cuts) for cuts in starts]
+    best = min(improved, key=lambda cuts: (search.value(cuts), cuts))
+    if not search.is_possible(best):
+        return None
+    return [(first, last, k) for (first, last), k in zip(best, search.shared(best).vehicle_of, strict=True)]
+
+
+def _best_of(costs: Sequence[FlightCosts]) -> FlightCosts:
+    """Costs of an ideal vehicle: the shortest transits and longest endurance of all, and the fastest one on the route."""
+    fastest = min(costs, key=lambda each: float(each.so_far_s[-1]))
+    return fastest._replace(
+        there_s=np.min([each.there_s for each in costs], axis=0),
+        back_s=np.min([each.back_s for each in costs], axis=0),
+        alone_s=np.min([each.alone_s for each in costs], axis=0),
+        there_items=np.min([each.there_items for each in costs], axis=0),
+        back_items=np.min([each.back_items for each in costs], axis=0),
+        endurance_s=max(each.endurance_s for each in costs),
+        item_limit=max(each.item_limit for each in costs),
+        barred=np.empty((0, 2), dtype=np.int64),
+        energies=NO_ENERGIES,
+    )
+
+
+class _UnlikeCutSearch(CutSearch):
+    """Cuts with what they are worth to vehicles that differ."""
+
+    def __init__(self, costs: Sequence[FlightCosts], turnaround_s: float, ready_s: Sequence[float]) -> None:
+        super().__init__(costs[0], len(costs), turnaround_s, 0.0)
+        self._all, self._ready_s = costs, ready_s
+        self._rows: dict[tuple[int, int], list[float]] = {}
+
+    def _share_out(self, cuts: Cuts) -> Shared:
+        times_s = [self._row(*flight) for flight in cuts]
+        return share_out_unlike(times_s, turnaround_s=self._turnaround_s, ready_s=self._ready_s)
+
+    def bound_s(self, cuts: Cuts) -> float:
+        """No sharing out is done sooner."""
+        least_s = [min(self._row(*flight)) for flight in cuts]
+        least_s = [time_s if math.isfinite(time_s) else _IMPOSSIBLE_S for time_s in least_s]
+        work_s = math.fsum(least_s) + self._turnaround_s * len(cuts)
+        return _rounded(max(work_s / self._vehicles - self._turnaround_s, *least_s))
+
+    def _row(self, first: int, last: int) -> list[float]:
+        key = (first, last)
+        if key not in self._rows:
+            self._rows[key] = [float(flight_s(each, first, last)) for each in self._all]
+        return self._rows[key]
+
+
+class _OneAtATime(_UnlikeCutSearch):
+    """Cuts whose flights follow each other: each is that of the vehicle that takes least for it."""
+
+    def _share_out(self, cuts: Cuts) -> Shared:
+        rows = [self._row(*flight) for flight in cuts]
+        times_s = [min(_IMPOSSIBLE_S, *row) for row in rows]
+        vehicle_of = tuple(int(np.argmin(row)) for row in rows)
+        total_s = math.fsum(times_s)
+        return Shared(total_s + self._turnaround_s * (len(cuts) - 1), vehicle_of, total_s)
+
+    def bound_s(self, cuts: Cuts) -> float:
+        """There is one way to share them out."""
+        return self.value(cuts)[0]

@@ -9,14 +9,13 @@ from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, IntArray, read_only
 from uavcover.kernels.flight_time import Pace, flight_time, landing_time, leg_times, takeoff_time, turn_times
 from uavcover.kernels.way_cost import ENERGY, FlightCosts, FlightEnergies, WayCost, route_cost, split, straight_ends
-from uavcover.missions.energy import FlightEnergy, usable_s
 from uavcover.missions.mission_compiler import AUTOPILOTS, items_per_waypoint
 from uavcover.missions.transit import check_way_home, check_way_there, transit
-from uavcover.missions.way_cost import mission_cost_of
+from uavcover.missions.way_cost import FlightEnergy, mission_cost_of, usable_s
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site, once
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.sensors import trigger_distance_m
 
 

@@ -5,13 +5,12 @@ import math
 from collections.abc import Hashable, Sequence
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.missions.fleet_schedule import schedule
+from uavcover.missions.fleet_schedule import schedule, timeline_of
 from uavcover.missions.sorties import Sortie, compile_sorties, compile_unlike_sorties, sharing_home
-from uavcover.missions.timeline import timeline_of
 from uavcover.model.route import MissionSize, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, once
-from uavcover.scenario.vehicle_areas import groups_of, vehicle_sites
+from uavcover.scenario.vehicles import groups_of, vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
 """Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench/fleet.py)."""
@@ -98,7 +97,7 @@ def _of_groups(
 
 
 def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
-    """The flights with the vehicle that flies each and its take-off, so that all keep apart (``routes/fleet_schedule.py``)."""
+    """The flights with the vehicle that flies each and its take-off, so that all keep apart (``missions/fleet_schedule.py``)."""
     timelines = [timeline_of(site, flight, autopilot=autopilot) for flight in flights]
     starts = schedule(timelines, site.scenario.fleet)
     return tuple(

@@ -1,10 +1,11 @@
-"""Leg checks: how every leg of a route, along its full length, compares with the hard limits.
+"""Compare every leg of a route, along its full length, and every corner flown beside a waypoint, with the hard limits.
 
 Planning adds the excesses up as constraint violations; the mission compiler refuses a route that has any. Judging does not
 use them: it evaluates the flown track independently.
 """
 
 import dataclasses
+import itertools
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import ZoneBreach, ZoneCheck
 from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
+from uavcover.sensing.flown_line import corners_flown
 
 CLIMB_TOLERANCE_DEG = 1e-6
 HEIGHT_TOLERANCE_M = 1e-6
@@ -146,28 +148,15 @@ def find_problems(
     """
     if len(route_m) == 1:
         return find_waypoint_problems(site, route_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)
-    limits = site.scenario.limits
-    problems: list[LegProblem] = []
     ranges = site.ground.leg_height_ranges_m(route_m)
     alts = site.alts_amsl_m(route_m)
-    angles = climb_angles_deg(route_m)
     breaches = leg_breaches(site.ground, route_m, site.scenario.obstacles)
     check = site.planned_zones if zones is None else zones
     entered = {breach.leg: breach for breach in reversed(check.leg_breaches(route_m))}
-    for leg, row in enumerate(ranges, start=1):
-        a, b = route_m[leg - 1], route_m[leg]
-        problems += _obstacle_problems(site, leg, (a, b), breaches[leg - 1])
-        problems += _height_problems(site, leg, (a, b), row, alts[leg - 1 : leg + 1], lowest_agl_m, highest_agl_m)
-        if angles[leg - 1] > limits.max_climb_angle_deg + CLIMB_TOLERANCE_DEG:
-            angle = float(angles[leg - 1])
-            problems.append(
-                LegProblem(leg, "climb", angle, limits.max_climb_angle_deg, "degrees", float(b[0]), float(b[1]))
-            )
-        outside, at = _furthest_outside_fence(site, a, b)
-        if outside > 0.0:
-            problems.append(LegProblem(leg, "fence", outside, 0.0, "m", float(at[0]), float(at[1])))
-        if leg - 1 in entered:
-            problems.append(_zone_problem(site, leg, (a, b), entered[leg - 1]))
+    problems: list[LegProblem] = []
+    for k, ends in enumerate(itertools.pairwise(route_m)):
+        figures = _Figures(k + 1, ends, ranges[k], alts[k : k + 2], breaches[k], entered.get(k))
+        problems += figures.problems(site, lowest_agl_m, highest_agl_m)
     return problems
 
 
@@ -182,74 +171,73 @@ def find_waypoint_problems(
         lowest_agl_m: lowest height above ground.
         highest_agl_m: largest height above ground, or none.
     """
-    problems: list[LegProblem] = []
     rows = _waypoint_figures(site, route_m)
     alts = site.alts_amsl_m(route_m)
     breaches = waypoint_breaches(site.ground, route_m, site.scenario.obstacles)
     entered = {breach.leg: breach for breach in reversed(site.planned_zones.place_breaches(route_m))}
-    for k, (point, row) in enumerate(zip(route_m, rows, strict=True)):
-        problems += _obstacle_problems(site, k, (point, point), breaches[k])
-        problems += _height_problems(site, k, (point, point), row, alts[[k, k]], lowest_agl_m, highest_agl_m)
-        outside, _ = _furthest_outside_fence(site, point, point)
-        if outside > 0.0:
-            problems.append(LegProblem(k, "fence", outside, 0.0, "m", float(point[0]), float(point[1])))
-        if k in entered:
-            problems.append(_zone_problem(site, k, (point, point), entered[k]))
+    problems: list[LegProblem] = []
+    for k, point in enumerate(route_m):
+        figures = _Figures(k, (point, point), rows[k], alts[[k, k]], breaches[k], entered.get(k))
+        problems += figures.problems(site, lowest_agl_m, highest_agl_m)
     return [dataclasses.replace(problem, waypoint_alone=True) for problem in problems]
 
 
-def _height_problems(
-    site: Site,
-    leg: int,
-    ends_m: tuple[FloatArray, FloatArray],
-    heights: FloatArray,
-    alts_amsl_m: FloatArray,
-    lowest_agl_m: float,
-    highest_agl_m: float | None,
-) -> Iterator[LegProblem]:
-    """Height problems of a leg between two (3,) ends; ``heights`` is its row of figures."""
-    limits = site.scenario.limits
-    a, b = ends_m
+@dataclass(frozen=True, slots=True, eq=False)
+class _Figures:
+    """Figures of one leg, or of a waypoint, both ends of which are itself."""
 
-    def problem(kind: ProblemKind, value: float, limit: float, unit: str, t: float) -> LegProblem:
-        place = a + t * (b - a)
-        return LegProblem(leg, kind, float(value), limit, unit, float(place[0]), float(place[1]))
+    number: int  # of the waypoint at its end
+    ends_m: tuple[FloatArray, FloatArray]  # (3,) ENU each
+    heights: FloatArray  # its row of :meth:`Ground.leg_height_ranges_m`
+    alts_amsl_m: FloatArray  # (2,) of the ends
+    obstacle: FloatArray  # its row of :func:`leg_breaches`
+    zone: ZoneBreach | None  # the first no-fly zone that it enters
 
-    low, low_at, high, high_at = heights
-    if not np.isfinite(low):
-        yield problem("no elevation data", 0.0, 0.0, "", 0.5)
-        return
-    tolerance_m = HEIGHT_TOLERANCE_M + site.ground.cut_error_m
-    if low < lowest_agl_m - tolerance_m:
-        yield problem("too low", low, lowest_agl_m, "m above ground", low_at)
-    if highest_agl_m is not None and high > highest_agl_m + tolerance_m:
-        yield problem("too high", high, highest_agl_m, "m above ground", high_at)
-    # Height above sea level is linear along a leg, so it is worst at an end.
-    lowest, highest = float(np.min(alts_amsl_m)), float(np.max(alts_amsl_m))
-    if limits.min_alt_amsl_m is not None and lowest < limits.min_alt_amsl_m - HEIGHT_TOLERANCE_M:
-        at = float(np.argmin(alts_amsl_m))
-        yield problem("below sea-level limit", lowest, limits.min_alt_amsl_m, "m AMSL", at)
-    if limits.max_alt_amsl_m is not None and highest > limits.max_alt_amsl_m + HEIGHT_TOLERANCE_M:
-        at = float(np.argmax(alts_amsl_m))
-        yield problem("above sea-level limit", highest, limits.max_alt_amsl_m, "m AMSL", at)
+    def problems(self, site: Site, lowest_agl_m: float, highest_agl_m: float | None) -> Iterator[LegProblem]:
+        """The limits that it breaks."""
+        limits, end = site.scenario.limits, self.ends_m[1]
+        obstacle, lacking, at = self.obstacle
+        if lacking > 0.0:
+            name = site.prisms[int(obstacle)].footprint.name
+            yield self._problem("obstacle", lacking, 0.0, "m", self._place_m(at), name)
+        yield from self._height_problems(site, lowest_agl_m, highest_agl_m)
+        (angle,) = climb_angles_deg(np.stack(self.ends_m))
+        if angle > limits.max_climb_angle_deg + CLIMB_TOLERANCE_DEG:
+            yield self._problem("climb", angle, limits.max_climb_angle_deg, "degrees", end)
+        outside, place = _furthest_outside_fence(site, *self.ends_m)
+        if outside > 0.0:
+            yield self._problem("fence", outside, 0.0, "m", place)
+        if self.zone is not None:
+            name, place = site.zones[self.zone.zone].name, self._place_m(self.zone.at)
+            yield self._problem("no-fly zone", self.zone.depth_m, 0.0, "m", place, name)
 
+    def _height_problems(self, site: Site, lowest_agl_m: float, highest_agl_m: float | None) -> Iterator[LegProblem]:
+        limits, alts = site.scenario.limits, self.alts_amsl_m
+        low, low_at, high, high_at = self.heights
+        if not np.isfinite(low):
+            yield self._problem("no elevation data", 0.0, 0.0, "", self._place_m(0.5))
+            return
+        tolerance_m = HEIGHT_TOLERANCE_M + site.ground.cut_error_m
+        above_ground, above_sea = "m above ground", "m AMSL"
+        if low < lowest_agl_m - tolerance_m:
+            yield self._problem("too low", low, lowest_agl_m, above_ground, self._place_m(low_at))
+        if highest_agl_m is not None and high > highest_agl_m + tolerance_m:
+            yield self._problem("too high", high, highest_agl_m, above_ground, self._place_m(high_at))
+        # Height above sea level is linear along a leg, so it is worst at an end.
+        lowest, highest = self._place_m(float(np.argmin(alts))), self._place_m(float(np.argmax(alts)))
+        if limits.min_alt_amsl_m is not None and alts.min() < limits.min_alt_amsl_m - HEIGHT_TOLERANCE_M:
+            yield self._problem("below sea-level limit", alts.min(), limits.min_alt_amsl_m, above_sea, lowest)
+        if limits.max_alt_amsl_m is not None and alts.max() > limits.max_alt_amsl_m + HEIGHT_TOLERANCE_M:
+            yield self._problem("above sea-level limit", alts.max(), limits.max_alt_amsl_m, above_sea, highest)
 
-def _obstacle_problems(
-    site: Site, leg: int, ends_m: tuple[FloatArray, FloatArray], breach: FloatArray
-) -> Iterator[LegProblem]:
-    """Obstacle problems of a leg between two (3,) ends; ``breach`` is its row of figures."""
-    number, lacking, t = breach
-    if lacking > 0.0:
-        place = ends_m[0] + t * (ends_m[1] - ends_m[0])
-        name = site.prisms[int(number)].footprint.name
-        yield LegProblem(leg, "obstacle", float(lacking), 0.0, "m", float(place[0]), float(place[1]), name=name)
+    def _place_m(self, t: float) -> FloatArray:
+        begin, end = self.ends_m
+        return begin + t * (end - begin)
 
-
-def _zone_problem(site: Site, leg: int, ends_m: tuple[FloatArray, FloatArray], breach: ZoneBreach) -> LegProblem:
-    """The problem of a leg between two (3,) ends that is in a no-fly zone."""
-    place = ends_m[0] + breach.at * (ends_m[1] - ends_m[0])
-    name = site.zones[breach.zone].name
-    return LegProblem(leg, "no-fly zone", breach.depth_m, 0.0, "m", float(place[0]), float(place[1]), name=name)
+    def _problem(
+        self, kind: ProblemKind, value: float, limit: float, unit: str, place_m: FloatArray, name: str = ""
+    ) -> LegProblem:
+        return LegProblem(self.number, kind, float(value), limit, unit, float(place_m[0]), float(place_m[1]), name=name)
 
 
 def _zone_breaches(site: Site, route_m: FloatArray) -> list[ZoneBreach]:
@@ -320,3 +308,135 @@ def _outside_fence(site: Site, line: shapely.LineString) -> shapely.Geometry | N
         return None
     outside = line.difference(site.fence.buffer(_ON_THE_FENCE_M))
     return None if outside.is_empty else outside
+
+
+# Corners: ArduCopter passes inside of its waypoints (:mod:`uavcover.sensing.flown_line`), where no leg is: nearer to what a route
+# leads around, and at the edge of a cliff over other ground.
+
+_CORNER_TOLERANCE_M = 0.1
+"""Tolerance of corners beyond the height band: vehicles pass them within some centimetres of the computed line."""
+
+
+def corner_excess_m(site: Site, route_m: FloatArray) -> FloatArray:
+    """(n,) metres by which the corner at each waypoint of an (n, 3) ENU route breaks limits that its legs keep.
+
+    Height margins, and those of no-fly zones, are for what a vehicle flies beside its line, and may be used.
+    """
+    excess_m = np.zeros(len(route_m))
+    for kind in _corner_figures(site, route_m):
+        excess_m += kind.excess_m.max(axis=1)
+    return excess_m
+
+
+def corner_excess_around_m(site: Site, route_m: FloatArray, waypoint: int) -> float:
+    """Metres by which the corners at a waypoint of an (n, 3) ENU route and at those beside it break limits.
+
+    A corner is made by its two legs, so that only five waypoints are looked at, however long the route is.
+    """
+    first, last = max(waypoint - 1, 0), min(waypoint + 1, len(route_m) - 1)
+    begin = max(first - 1, 0)
+    excess_m = corner_excess_m(site, route_m[begin : last + 2])
+    return float(excess_m[first - begin : last - begin + 1].sum())
+
+
+def corner_heights_off_m(site: Site, route_m: FloatArray) -> FloatArray:
+    """(n,) metres by which the corner at each waypoint of an (n, 3) ENU route is above the height band (below: negative)."""
+    off_m = np.zeros(len(route_m))
+    for kind in _corner_figures(site, route_m):
+        if kind.kind in ("too low", "too high"):
+            off_m += kind.excess_m.max(axis=1) * (1.0 if kind.kind == "too high" else -1.0)
+    return off_m
+
+
+def find_corner_problems(site: Site, route_m: FloatArray, *, with_ends: bool = True) -> list[LegProblem]:
+    """Every corner of an (n, 3) ENU route that breaks a limit, in flying order.
+
+    Args:
+        site: the scenario on its ground.
+        route_m: waypoints in flying order.
+        with_ends: whether the corners from home onto the route and off it count. Where a route is cut into several flights, those
+            at the cuts are others than those of the whole.
+    """
+    problems: list[LegProblem] = []
+    for figures in _corner_figures(site, route_m):
+        if not with_ends:
+            figures.excess_m[[0, -1]] = 0.0
+        for k in np.flatnonzero(figures.excess_m.max(axis=1) > 0.0):
+            at = int(np.argmax(figures.excess_m[k]))
+            east_m, north_m, _ = figures.places_m[k, at].tolist()
+            value = float(figures.values[k, at])
+            where = int(k), figures.kind, value, figures.limit, figures.unit, east_m, north_m
+            problems.append(LegProblem(*where, in_corner=True, name=figures.names[k]))
+    return sorted(problems, key=lambda problem: problem.leg)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _CornerFigures:
+    """Values of n corners, at k positions each, compared with one limit."""
+
+    kind: ProblemKind  # which
+    places_m: FloatArray  # (n, k, 3) ENU
+    values: FloatArray  # (n, k) what is limited
+    excess_m: FloatArray  # (n, k) beyond the limit; 0 where it is kept
+    limit: float  # the limit
+    unit: str  # of values and limit
+    names: tuple[str, ...]  # (n,) of what is too near
+
+
+def _corner_figures(site: Site, route_m: FloatArray) -> list[_CornerFigures]:
+    """For each limit that a corner breaks anywhere."""
+    places_m = corners_flown(site, route_m) if len(route_m) > 1 else None
+    if places_m is None:
+        return []
+    flat, shape = places_m.reshape(-1, 3), places_m.shape[:2]
+    limits, unnamed = site.scenario.limits, ("",) * shape[0]
+    agl_m = site.ground.heights_agl_m(flat).reshape(shape)
+    low_m, high_m = limits.min_height_agl_m, limits.max_height_agl_m
+    outside_m = _outside_m(site, flat).reshape(shape)
+    obstacle, lacking_m = _lacking_m(site, places_m)
+    zone, depth_m = _depth_m(site, flat, shape)
+    above_ground = "m above ground"
+    found = [
+        _CornerFigures("too low", places_m, agl_m, low_m - agl_m - _CORNER_TOLERANCE_M, low_m, above_ground, unnamed),
+        _CornerFigures(
+            "too high", places_m, agl_m, agl_m - high_m - _CORNER_TOLERANCE_M, high_m, above_ground, unnamed
+        ),
+        _CornerFigures("fence", places_m, outside_m, outside_m, 0.0, "m", unnamed),
+        _CornerFigures("obstacle", places_m, lacking_m, lacking_m, 0.0, "m", obstacle),
+        _CornerFigures("no-fly zone", places_m, depth_m, depth_m, 0.0, "m", zone),
+    ]
+    return [
+        dataclasses.replace(each, excess_m=np.fmax(each.excess_m, 0.0)) for each in found if (each.excess_m > 0.0).any()
+    ]
+
+
+def _outside_m(site: Site, flat_m: FloatArray) -> FloatArray:
+    """(k,) metres outside of the fence of (k, 3) places; distances take long, so they are only taken there."""
+    outside_m = np.zeros(len(flat_m))
+    beyond = ~shapely.contains_xy(site.fence, flat_m[:, 0], flat_m[:, 1])
+    outside_m[beyond] = shapely.distance(site.fence, shapely.points(flat_m[beyond, :2]))
+    return outside_m
+
+
+def _lacking_m(site: Site, places_m: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
+    """Nearest obstacles of (n, k, 3) corners, and (n, k) metres of clearance that are missing there."""
+    count, points = places_m.shape[:2]
+    if not site.prisms:
+        return ("",) * count, np.zeros((count, points))
+    # From place to place, and from the last one of a corner to the first one of the next, which does not count.
+    breaches = leg_breaches(site.ground, places_m.reshape(-1, 3), site.scenario.obstacles)
+    breaches = np.vstack([breaches, [-1.0, 0.0, 0.0]]).reshape(count, points, 3)
+    breaches[:, -1, 1] = 0.0
+    worst = breaches[np.arange(count), breaches[:, :, 1].argmax(axis=1), 0].astype(int)
+    return tuple(site.prisms[k].footprint.name if k >= 0 else "" for k in worst), breaches[:, :, 1]
+
+
+def _depth_m(site: Site, flat_m: FloatArray, shape: tuple[int, ...]) -> tuple[tuple[str, ...], FloatArray]:
+    """Entered no-fly zones of corners whose places are the rows of an array, and (n, k) metres inside of them."""
+    depth_m, names = np.zeros(shape), [""] * shape[0]
+    for breach in site.flown_zones.place_breaches(flat_m) if site.zones else ():
+        corner, place = divmod(breach.leg, shape[1])
+        if breach.depth_m > depth_m[corner].max():
+            names[corner] = site.zones[breach.zone].name
+        depth_m[corner, place] = max(depth_m[corner, place], breach.depth_m)
+    return tuple(names), depth_m

@@ -38,12 +38,9 @@ from mission_io.model.items import (
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, takeoff_time
-from uavcover.missions.corner_checks import find_corner_problems
-from uavcover.missions.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.missions.fence import fence_of
-from uavcover.missions.leg_checks import find_problems
-from uavcover.missions.rally_proposal import with_rally
-from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
+from uavcover.missions.leg_checks import find_corner_problems, find_problems
+from uavcover.missions.return_advice import OwnReturns, ReturnAdvice, with_rally
 from uavcover.missions.transit import (
     check_column,
     check_transit,
@@ -53,13 +50,14 @@ from uavcover.missions.transit import (
     refuse,
     transit,
 )
+from uavcover.missions.way_cost import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.model.route import Route
 from uavcover.model.sensor import Sensor
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.airspace.flyable import is_wall
 from uavcover.scenario.airspace.zones import Zone
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.terrain.frames import LocalFrame
 

@@ -10,14 +10,12 @@ from uavcover.kernels import route as kernels
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import flight_time
 from uavcover.kernels.way_cost import ENERGY, route_cost
-from uavcover.missions.corner_checks import corner_excess_m
 from uavcover.missions.flight_costs import MissionCost, mission_cost
-from uavcover.missions.leg_checks import measure_violations, route_height_range_m
+from uavcover.missions.leg_checks import corner_excess_m, measure_violations, route_height_range_m
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route, RouteMember, RouteMetrics
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import groups_of, vehicle_sites
+from uavcover.scenario.vehicles import groups_of, pace_of, vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import fleet_map, map_for
 

@@ -10,21 +10,14 @@ from uavcover.errors import InfeasibleError
 from uavcover.kernels.flight_time import landing_time, takeoff_time
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import FlightCosts, battery_s, split
-from uavcover.missions.energy import battery_in_words, longest_flight_in_words
-from uavcover.missions.fleet_cuts import fleet_cuts
-from uavcover.missions.flight_costs import (
-    checked,
-    flight_costs_along_transits,
-    flights_of_split,
-    tighter,
-    without,
-)
+from uavcover.missions.fleet_cuts import FlightsOfVehicles, fleet_cuts, unlike_cuts
+from uavcover.missions.flight_costs import checked, flight_costs_along_transits, flights_of_split, tighter, without
 from uavcover.missions.mission_compiler import CompiledMission, MissionTooLongError, compile_mission
-from uavcover.missions.unlike_cuts import FlightsOfVehicles, unlike_cuts
+from uavcover.missions.way_cost import battery_in_words, longest_flight_in_words
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 
@@ -57,7 +50,7 @@ def compile_sorties(
     """Compile a route as one flight, or as several with their own transits where endurance or item count require it.
 
     The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time. For several
-    vehicles the route is cut so that they are done soonest (``routes/fleet_cuts.py``).
+    vehicles the route is cut so that they are done soonest (``missions/fleet_cuts.py``).
 
     Raises:
         InputError: the scenario has no position on Earth or no home.

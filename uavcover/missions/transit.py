@@ -11,8 +11,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.profile import shortest_profile
 from uavcover.missions.leg_checks import LegProblem, find_problems
 from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
-from uavcover.scenario.airspace.way_round import WayRound
-from uavcover.scenario.airspace.zones import ZoneCheck
+from uavcover.scenario.airspace.zones import WayRound, ZoneCheck
 from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import LocalFrame
 

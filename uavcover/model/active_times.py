@@ -77,21 +77,13 @@ def window_of(begin: str, end: str, key: str) -> Window:
 
 @dataclass(frozen=True, slots=True)
 class ActivePeriod:
-    """A stretch of time, or the part of it on some days of the week and some hours of the day.
+    """A stretch of time, or the part of it on some days of the week and some hours of the day."""
 
-    Attributes:
-        begin_utc: its first moment; none: it has always begun.
-        end_utc: its last moment; none: it does not end.
-        days: numbers of the weekdays on which it begins, Monday is 0; empty: every day.
-        hours: when it begins on such a day and how long it lasts; none: all day.
-        zone: where these days and hours are counted.
-    """
-
-    begin_utc: datetime | None = None
-    end_utc: datetime | None = None
-    days: frozenset[int] = frozenset()
-    hours: tuple[time, timedelta] | None = None
-    zone: tzinfo = UTC
+    begin_utc: datetime | None = None  # its first moment; none: it has always begun
+    end_utc: datetime | None = None  # its last moment; none: it does not end
+    days: frozenset[int] = frozenset()  # numbers of the weekdays on which it begins, Monday is 0; empty: every day
+    hours: tuple[time, timedelta] | None = None  # when it begins on such a day and how long it lasts; none: all day
+    zone: tzinfo = UTC  # where these days and hours are counted
 
     def meets(self, window: Window) -> bool:
         """Whether any moment of it lies in a window, ends included."""

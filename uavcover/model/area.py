@@ -1,14 +1,21 @@
-"""The area to cover: polygons with holes, divided into square cells."""
+"""The area to be covered, and the elevation data of its terrain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
+from uavcover.model.value_checks import (
+    STRICT,
+    require,
+    require_between,
+    require_lon_lat,
+    require_not_negative,
+    require_positive,
+)
 
 # A small map as SVG, for notebooks: lines and areas in metres, north up, with a scale bar. No dependency.
 
@@ -64,40 +71,26 @@ Rings = tuple[Ring, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """Polygons as a scenario gives them: exactly one of the six polygon keys.
-
-    Attributes:
-        polygon_lon_lat_deg: outer ring as (longitude, latitude) pairs on WGS 84, in the order of GeoJSON.
-        polygon_east_north_m: outer ring in the local frame.
-        polygons_lon_lat_deg: several polygons; each is a list of rings with the outer ring first, as in a GeoJSON
-            MultiPolygon. Polygons may touch or overlap.
-        polygons_east_north_m: several polygons in the local frame.
-        geojson: path of a GeoJSON file with one or several polygons, relative to the scenario file.
-        file: path of a file with one or several polygons, relative to the scenario file.
-        layer: name of the layer in the file; default: the only layer.
-        feature: name or number (from 1) of a feature in the file; default: all features.
-        crs: coordinate system of the file, such as "EPSG:32632", if the file does not state it.
-        make_valid: whether to repair outlines that cross themselves and rings that are not closed.
-        swap_axes: whether the file stores latitude or north first.
-        holes_lon_lat_deg: rings that need no coverage, for `polygon_lon_lat_deg`.
-        holes_east_north_m: rings that need no coverage, for `polygon_east_north_m`.
-    """
+    """Polygons as a scenario gives them: exactly one of the six polygon keys."""
 
     __pydantic_config__: ClassVar = STRICT
 
+    # outer ring as (longitude, latitude) pairs on WGS 84, in the order of GeoJSON
     polygon_lon_lat_deg: Ring | None = None
-    polygon_east_north_m: Ring | None = None
-    geojson: str | None = None
-    holes_lon_lat_deg: tuple[Ring, ...] = ()
-    holes_east_north_m: tuple[Ring, ...] = ()
+    polygon_east_north_m: Ring | None = None  # outer ring in the local frame
+    geojson: str | None = None  # path of a GeoJSON file with one or several polygons, relative to the scenario file
+    holes_lon_lat_deg: tuple[Ring, ...] = ()  # rings that need no coverage, for `polygon_lon_lat_deg`
+    holes_east_north_m: tuple[Ring, ...] = ()  # rings that need no coverage, for `polygon_east_north_m`
+    # several polygons; each is a list of rings with the outer ring first, as in a GeoJSON MultiPolygon. Polygons may
+    # touch or overlap.
     polygons_lon_lat_deg: tuple[Rings, ...] | None = None
-    polygons_east_north_m: tuple[Rings, ...] | None = None
-    file: str | None = None
-    layer: str | None = None
-    feature: str | None = None
-    crs: str | None = None
-    make_valid: bool = False
-    swap_axes: bool = False
+    polygons_east_north_m: tuple[Rings, ...] | None = None  # several polygons in the local frame
+    file: str | None = None  # path of a file with one or several polygons, relative to the scenario file
+    layer: str | None = None  # name of the layer in the file; default: the only layer
+    feature: str | None = None  # name or number (from 1) of a feature in the file; default: all features
+    crs: str | None = None  # coordinate system of the file, such as "EPSG:32632", if the file does not state it
+    make_valid: bool = False  # whether to repair outlines that cross themselves and rings that are not closed
+    swap_axes: bool = False  # whether the file stores latitude or north first
 
     def __post_init__(self) -> None:
         keys = (
@@ -145,20 +138,17 @@ class Outline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Area(Outline):
-    """The area to cover.
-
-    Attributes:
-        cell_size_m: largest side of the square cells on which results are evaluated. A cell counts as observed if one
-            point inside it is observed.
-        fewest_places: smallest number of cells. An area with fewer cells uses smaller ones. 0 keeps `cell_size_m`.
-        margin_m: distance by which the area is extended outwards before planning and verification, so that photos
-            overlap up to the original edge. Holes do not change.
-    """
+    """The area to cover."""
 
     __pydantic_config__: ClassVar = STRICT
 
+    # largest side of the square cells on which results are evaluated. A cell counts as observed if one point inside it
+    # is observed.
     cell_size_m: float
+    # distance by which the area is extended outwards before planning and verification, so that photos overlap up to the
+    # original edge. Holes do not change.
     margin_m: float = 0.0
+    # smallest number of cells. An area with fewer cells uses smaller ones. 0 keeps `cell_size_m`.
     fewest_places: int = 25_000
 
     def __post_init__(self) -> None:
@@ -166,3 +156,90 @@ class Area(Outline):
         require_not_negative(self, "margin_m", "fewest_places")
         # Named: a class with slots is made anew, and super() without arguments looks for the one before.
         Outline.__post_init__(self)
+
+
+VerticalDatum = Literal["EGM96", "EGM2008", "WGS84-ellipsoid"]
+HeightUnit = Literal["m", "dm", "cm", "ft", "us-ft"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RasterTerrain:
+    """Elevation data in a file that rasterio reads."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    kind: Literal["raster"]  # name of this source in a scenario
+    # a path relative to the scenario file, `bundled:NAME` for included data, a folder of tiles, a pattern such as
+    # "tiles/*.hgt", a zipped tile, or a list of these
+    file: str | tuple[str, ...]
+    # vertical datum of the heights. Heights above the ellipsoid are converted to sea level (EGM96) if PROJ has the
+    # geoid grid.
+    vertical_datum: VerticalDatum
+    crs: str | None = None  # coordinate system, such as "EPSG:32632", if the file does not state it
+    band: int | str | None = None  # number or name of the band with the heights; default: the first band
+    height_unit: HeightUnit | None = None  # unit of the heights if the file does not state it; default: metres
+    fill_no_data_m: float = 0.0  # longest gap without data that is interpolated from its edge, such as a lake
+    # altitude of open water, which replaces missing data in and around the files; default: missing data has no height
+    water_height_m: float | None = None
+    # whether to accept heights that look like a filled void, the edge of a warped image, a spike or a step between
+    # tiles; otherwise such heights stop the planning
+    trust_heights: bool = False
+    # spacing of a square grid to which the data is resampled; default: the pixels of the file
+    grid_step_m: float | None = None
+    # a surface model with trees and roofs for the same area, in any form that `file` accepts. Heights above ground then
+    # refer to the higher of both models, and the surface can hide the ground.
+    surface_file: str | tuple[str, ...] | None = None
+    # vertical datum of the surface model; default: `vertical_datum`
+    surface_vertical_datum: VerticalDatum | None = None
+    surface_crs: str | None = None  # coordinate system of the surface model if the file does not state it
+    surface_band: int | str | None = None  # number or name of the band of the surface model; default: the first band
+    surface_height_unit: HeightUnit | None = None  # unit of the surface model if the file does not state it
+    surface_hides_m: float = 2.0  # height of the surface above the ground from which trees or roofs hide the ground
+
+    def __post_init__(self) -> None:
+        require(bool(self.file), "file: the name is empty; specify an elevation file")
+        require(
+            self.surface_file is None or bool(self.surface_file),
+            "surface_file: the name is empty; specify a surface model",
+        )
+        for key in ("surface_vertical_datum", "surface_crs", "surface_band", "surface_height_unit"):
+            require(
+                self.surface_file is not None or getattr(self, key) is None,
+                f"{key}: this key describes a surface model; add surface_file, or remove this key",
+            )
+        band = self.surface_band
+        require(
+            not isinstance(band, int) or band >= 1, f"surface_band: must be at least 1 (the first band), not {band}"
+        )
+        require_positive(self, "surface_hides_m")
+        require(
+            not isinstance(self.band, int) or self.band >= 1,
+            f"band: must be at least 1 (the first band), not {self.band}",
+        )
+        require_not_negative(self, "fill_no_data_m")
+        require(
+            self.fill_no_data_m == 0.0 or self.grid_step_m is None,
+            "fill_no_data_m: this key requires the file's own pixels; remove grid_step_m",
+        )
+        require(
+            self.water_height_m is None or self.fill_no_data_m == 0.0,
+            "water_height_m: use either this key, which treats gaps as water, or fill_no_data_m, which treats them as ground",
+        )
+        require_between(self, -500.0, 9000.0, "water_height_m", unit=" m")
+        require_positive(self, "grid_step_m")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SineCosineTerrain:
+    """The paper's surface, Eq. 26: z = s sin(y / s) cos(x / s), with s = ``scale_m`` metres to the paper's unit."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    kind: Literal["sine-cosine"]  # name of this source in a scenario
+    scale_m: float = 1.0  # metres per unit of the paper
+
+    def __post_init__(self) -> None:
+        require_positive(self, "scale_m")
+
+
+Terrain = RasterTerrain | SineCosineTerrain

@@ -6,13 +6,17 @@ from typing import ClassVar, Literal
 
 from uavcover.kernels.sight import MIDPOINT
 from uavcover.model.active_times import Window, window_of
-from uavcover.model.area import Area
-from uavcover.model.limits import FlightLimits, Home
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.area import Area, Terrain
+from uavcover.model.limits import FlightLimits, Home, NoFly, Obstacles
 from uavcover.model.sensor import Sensor
-from uavcover.model.terrain import Terrain
-from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
+from uavcover.model.value_checks import (
+    STRICT,
+    require,
+    require_between,
+    require_lon_lat,
+    require_not_negative,
+    require_positive,
+)
 from uavcover.model.vehicle import Fleet, Vehicle, Wind
 
 
@@ -21,21 +25,16 @@ class Uncertainty:
     """Largest errors that verification takes into account. If all are 0, it treats measurements as exact.
 
     Each value is a bound and not a standard deviation. It is constant during one observation.
-
-    Attributes:
-        position_m: horizontal error of the recorded positions.
-        height_m: vertical error of the recorded positions.
-        terrain_m: vertical error of the elevation data. The difference between the interpolated ground and the data is
-            measured and added.
-        attitude_deg: error of the camera direction.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
-    position_m: float = 0.0
-    height_m: float = 0.0
+    position_m: float = 0.0  # horizontal error of the recorded positions
+    height_m: float = 0.0  # vertical error of the recorded positions
+    # vertical error of the elevation data. The difference between the interpolated ground and the data is measured and
+    # added.
     terrain_m: float = 0.0
-    attitude_deg: float = 0.0
+    attitude_deg: float = 0.0  # error of the camera direction
 
     def __post_init__(self) -> None:
         require_not_negative(self, "position_m", "height_m", "terrain_m", "attitude_deg")
@@ -55,83 +54,68 @@ InitialRoute = Literal["boustrophedon", "contour-lines", "greedy-set-cover", "se
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """Geodetic position of the local frame's origin, for areas given in metres.
-
-    Attributes:
-        lat_deg: latitude on WGS 84.
-        lon_deg: longitude on WGS 84.
-        alt_amsl_m: height above mean sea level.
-    """
+    """Geodetic position of the local frame's origin, for areas given in metres."""
 
     __pydantic_config__: ClassVar = STRICT
 
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
+    lat_deg: float  # latitude on WGS 84
+    lon_deg: float  # longitude on WGS 84
+    alt_amsl_m: float  # height above mean sea level
 
     def __post_init__(self) -> None:
-        require(abs(self.lat_deg) <= 90.0, f"lat_deg: must be between -90 and 90, not {self.lat_deg}")
-        require(abs(self.lon_deg) <= 180.0, f"lon_deg: must be between -180 and 180, not {self.lon_deg}")
+        require_between(self, -90.0, 90.0, "lat_deg")
+        require_between(self, -180.0, 180.0, "lon_deg")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerSettings:
-    """Settings of the route search.
-
-    Attributes:
-        algorithm: the search method. "memetic": IMODBO, then a local search from its routes and the baselines.
-            "local-search": the local search from sampled routes and the baselines. "imodbo", "modbo": the optimizers of
-            the paper. "nsga2", "moead": algorithms of pymoo, for comparison. "lines": the best of a scan of parallel
-            lines. "contour-lines": the best of a scan of lines along the contours. The last two require a sensor that
-            observes along the path.
-        line_heading_deg: direction of the algorithm "lines", clockwise from north; default: along the longer side of
-            the area.
-        encoding: "swaths": parallel lines with their own spacing and heights, for sensors that observe along the path.
-            "waypoints": free points with activation genes, as in the paper.
-        population_size: number of members of the population.
-        evaluations: number of route evaluations if no budget is given. 50 proposals of the local search count as one.
-        max_waypoints: largest number of waypoints of a route; default: no limit. For the encoding "waypoints", it is
-            the number of nodes (default: 60) and does not include waypoints that are inserted to follow the terrain.
-        cell_size_m: cell size of the search; default: twice the cell size of the area.
-        order: order of the waypoints in the routes of an optimizer. "nearest-neighbour": the order of the paper.
-            "improved": the same order, shortened by 2-opt. The local search finds its own order.
-        initial: initial solutions and baselines, in addition to sampled routes. Default: "boustrophedon" for swaths and
-            for a local search along the path, "set-cover" for a local search with a sensor that observes at waypoints.
-            With objective = "energy", a local search along the path also uses "contour-lines".
-        seed: seed of the random numbers.
-        parts: number of parts into which the area is divided. The planner searches each part and then the seams.
-            "auto": one part for a small area, and more if the area has too many cells or if one part per flight gives a
-            shorter mission. Requires encoding = "swaths" and a local search. Default: 1.
-        objective: the cost that the planner minimises in addition to coverage and the number of waypoints.
-            "mission-time": time from take-off to landing of all flights. "energy": battery use of all flights, in
-            seconds of hovering ([vehicle.power]). "flight-time": time of the route without transit. "length": length of
-            the route. Default: "mission-time" with a home, otherwise "length".
-        band_deviation_price: penalty for each metre of a waypoint above or below the middle of the height band (Eq. 7),
-            in metres of path or in seconds.
-        waypoint_price: penalty for each waypoint, in metres of path or in seconds. Default: 1 % of the radius that the
-            sensor observes from the middle of the height band, or the time for it at cruise speed; 0 for a sensor that
-            observes at waypoints.
-        rally: rally points of the mission. "home": only home, at a safe height. "auto": additional landing positions if
-            the autopilot's own return to home is not safe. Or a list of [longitude, latitude] of your own landing
-            positions, which are added to home.
-    """
+    """Settings of the route search."""
 
     __pydantic_config__: ClassVar = STRICT
 
+    # the search method. "memetic": IMODBO, then a local search from its routes and the baselines. "local-search": the
+    # local search from sampled routes and the baselines. "imodbo", "modbo": the optimizers of the paper. "nsga2",
+    # "moead": algorithms of pymoo, for comparison. "lines": the best of a scan of parallel lines. "contour-lines": the
+    # best of a scan of lines along the contours. The last two require a sensor that observes along the path.
     algorithm: PlannerAlgorithm = "memetic"
+    # direction of the algorithm "lines", clockwise from north; default: along the longer side of the area
     line_heading_deg: float | None = None
+    # "swaths": parallel lines with their own spacing and heights, for sensors that observe along the path. "waypoints":
+    # free points with activation genes, as in the paper.
     encoding: Literal["swaths", "waypoints"] = "swaths"
-    population_size: int = 50
+    population_size: int = 50  # number of members of the population
+    # number of route evaluations if no budget is given. 50 proposals of the local search count as one.
     evaluations: int = 5000
+    # largest number of waypoints of a route; default: no limit. For the encoding "waypoints", it is the number of nodes
+    # (default: 60) and does not include waypoints that are inserted to follow the terrain.
     max_waypoints: int | None = None
-    cell_size_m: float | None = None
+    cell_size_m: float | None = None  # cell size of the search; default: twice the cell size of the area
+    # order of the waypoints in the routes of an optimizer. "nearest-neighbour": the order of the paper. "improved": the
+    # same order, shortened by 2-opt. The local search finds its own order.
     order: Literal["nearest-neighbour", "improved"] = "improved"
+    # initial solutions and baselines, in addition to sampled routes. Default: "boustrophedon" for swaths and for a
+    # local search along the path, "set-cover" for a local search with a sensor that observes at waypoints. With
+    # objective = "energy", a local search along the path also uses "contour-lines".
     initial: tuple[InitialRoute, ...] | None = None
-    seed: int = 1
+    seed: int = 1  # seed of the random numbers
+    # number of parts into which the area is divided. The planner searches each part and then the seams. "auto": one
+    # part for a small area, and more if the area has too many cells or if one part per flight gives a shorter mission.
+    # Requires encoding = "swaths" and a local search. Default: 1.
     parts: int | Literal["auto"] = 1
+    # the cost that the planner minimises in addition to coverage and the number of waypoints. "mission-time": time from
+    # take-off to landing of all flights. "energy": battery use of all flights, in seconds of hovering
+    # ([vehicle.power]). "flight-time": time of the route without transit. "length": length of the route. Default:
+    # "mission-time" with a home, otherwise "length".
     objective: Objective | None = None
+    # penalty for each metre of a waypoint above or below the middle of the height band (Eq. 7), in metres of path or in
+    # seconds.
     band_deviation_price: float = 0.0
+    # penalty for each waypoint, in metres of path or in seconds. Default: 1 % of the radius that the sensor observes
+    # from the middle of the height band, or the time for it at cruise speed; 0 for a sensor that observes at waypoints.
     waypoint_price: float | None = None
+    # rally points of the mission. "home": only home, at a safe height. "auto": additional landing positions if the
+    # autopilot's own return to home is not safe. Or a list of [longitude, latitude] of your own landing positions,
+    # which are added to home.
     rally: Literal["home", "auto"] | tuple[tuple[float, float], ...] = "home"
 
     def __post_init__(self) -> None:
@@ -177,49 +161,39 @@ class PlannerSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Requirements:
-    """Requirements on a flown track for ``verify`` to pass.
-
-    Attributes:
-        min_coverage_of_coverable: required coverage of the visible ground.
-        min_sure_coverage_of_coverable: required coverage of the visible ground for every error within [uncertainty];
-            default: no requirement.
-        min_overlap_fraction: required fraction of the area that is in as many photos as forward_overlap and
-            side_overlap require. Default: the overlap is reported but not required.
-        looks: required number of observations of each cell; more than 1 requires a sensor that observes at waypoints.
-        look_distance_m: smallest distance between two waypoints that count as separate observations; required if looks
-            is greater than 1.
-        max_deviation_m: largest distance of the flown track from the planned route; default: no limit.
-        max_ground_speed_m_s: largest ground speed on the planned route; default: no limit.
-        max_gap_s: longest time between two samples that are connected by a straight line.
-        max_unobserved_fraction: largest fraction of the route time without evidence. If it is exceeded, the flight is
-            not proved.
-        max_unobserved_gap_s: longest single interval without evidence between take-off and landing. If it is exceeded,
-            the flight is not proved.
-    """
+    """Requirements on a flown track for ``verify`` to pass."""
 
     __pydantic_config__: ClassVar = STRICT
 
-    min_coverage_of_coverable: float = 0.95
+    min_coverage_of_coverable: float = 0.95  # required coverage of the visible ground
+    # required coverage of the visible ground for every error within [uncertainty]; default: no requirement
     min_sure_coverage_of_coverable: float | None = None
+    # required fraction of the area that is in as many photos as forward_overlap and side_overlap require. Default: the
+    # overlap is reported but not required.
     min_overlap_fraction: float | None = None
+    # required number of observations of each cell; more than 1 requires a sensor that observes at waypoints
     looks: int = 1
+    # smallest distance between two waypoints that count as separate observations; required if looks is greater than 1
     look_distance_m: float | None = None
+    # largest distance of the flown track from the planned route; default: no limit
     max_deviation_m: float | None = None
-    max_ground_speed_m_s: float | None = None
-    max_gap_s: float = 2.0
+    max_ground_speed_m_s: float | None = None  # largest ground speed on the planned route; default: no limit
+    max_gap_s: float = 2.0  # longest time between two samples that are connected by a straight line
+    # largest fraction of the route time without evidence. If it is exceeded, the flight is not proved.
     max_unobserved_fraction: float = 0.01
+    # longest single interval without evidence between take-off and landing. If it is exceeded, the flight is not
+    # proved.
     max_unobserved_gap_s: float = 10.0
 
     def __post_init__(self) -> None:
-        for key in ("min_coverage_of_coverable", "min_sure_coverage_of_coverable", "max_unobserved_fraction"):
-            share = getattr(self, key)
-            require(share is None or 0.0 <= share <= 1.0, f"{key}: must be between 0 and 1, not {share}")
+        require_between(self, 0.0, 1.0, "min_coverage_of_coverable", "min_sure_coverage_of_coverable")
+        require_between(self, 0.0, 1.0, "max_unobserved_fraction")
         overlap = self.min_overlap_fraction
         require(
             overlap is None or 0.0 < overlap <= 1.0,
             f"min_overlap_fraction: must be above 0 and at most 1, not {overlap}",
         )
-        require(1 <= self.looks <= 20, f"looks: must be between 1 and 20, not {self.looks}")
+        require_between(self, 1, 20, "looks")
         require(
             self.looks == 1 or self.look_distance_m is not None,
             "look_distance_m: this key is required with more than one look, because closer waypoints count as one",
@@ -233,52 +207,33 @@ class Requirements:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A validated scenario: the sections of the TOML file.
-
-    Attributes:
-        name: short name for files and reports.
-        area: the area to cover.
-        terrain: the elevation data.
-        sensor: the sensor.
-        limits: the hard limits.
-        vehicle: the vehicle.
-        origin: geodetic position of the local frame, for areas in metres; a geographic area needs none (default: its home).
-        home: take-off and landing; needed for mission files.
-        planner: settings of the route search.
-        select: the rule that selects one route of the Pareto set.
-        requirements: what the flown track must reach.
-        obstacles: obstacles on the ground.
-        no_fly: zones that the vehicle must not enter on any part of the flight.
-        flight_window_utc: earliest take-off and latest landing, such as ["2026-06-01T06:00Z", "2026-06-01T18:00Z"].
-            No-fly zones that are inactive in this window do not count. Without a window, every zone counts.
-        wind: the wind the flight is planned for.
-        fleet: how many vehicles fly the plan, and what keeps them apart.
-        vehicles: those of [[vehicle]] given several times, where they differ; none where all are alike.
-        uncertainty: errors of positions, ground and attitude.
-        description: one-line description.
-    """
+    """A validated scenario: the sections of the TOML file."""
 
     __pydantic_config__: ClassVar = STRICT
 
-    name: str
-    area: Area
-    terrain: Terrain
-    sensor: Sensor
-    limits: FlightLimits
-    vehicle: Vehicle = field(default_factory=Vehicle)
+    name: str  # short name for files and reports
+    area: Area  # the area to cover
+    terrain: Terrain  # the elevation data
+    sensor: Sensor  # the sensor
+    limits: FlightLimits  # the hard limits
+    vehicle: Vehicle = field(default_factory=Vehicle)  # the vehicle
+    # geodetic position of the local frame, for areas in metres; a geographic area needs none (default: its home)
     origin: Origin | None = None
-    home: Home | None = None
-    planner: PlannerSettings = field(default_factory=PlannerSettings)
-    select: str = "weighted:0.6,0.2,0.2"
-    requirements: Requirements = field(default_factory=Requirements)
-    uncertainty: Uncertainty = field(default_factory=Uncertainty)
-    obstacles: Obstacles = field(default_factory=Obstacles)
-    no_fly: tuple[NoFly, ...] = ()
+    home: Home | None = None  # take-off and landing; needed for mission files
+    planner: PlannerSettings = field(default_factory=PlannerSettings)  # settings of the route search
+    select: str = "weighted:0.6,0.2,0.2"  # the rule that selects one route of the Pareto set
+    requirements: Requirements = field(default_factory=Requirements)  # what the flown track must reach
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)  # errors of positions, ground and attitude
+    obstacles: Obstacles = field(default_factory=Obstacles)  # obstacles on the ground
+    no_fly: tuple[NoFly, ...] = ()  # zones that the vehicle must not enter on any part of the flight
+    # earliest take-off and latest landing, such as ["2026-06-01T06:00Z", "2026-06-01T18:00Z"]. No-fly zones that are
+    # inactive in this window do not count. Without a window, every zone counts.
     flight_window_utc: tuple[str, str] | None = None
-    wind: Wind = field(default_factory=Wind)
-    fleet: Fleet = field(default_factory=Fleet)
+    wind: Wind = field(default_factory=Wind)  # the wind the flight is planned for
+    fleet: Fleet = field(default_factory=Fleet)  # how many vehicles fly the plan, and what keeps them apart
+    # those of [[vehicle]] given several times, where they differ; none where all are alike
     vehicles: tuple[Vehicle, ...] = ()
-    description: str = ""
+    description: str = ""  # one-line description
 
     def __post_init__(self) -> None:
         require(

@@ -17,23 +17,15 @@ _LINE_OF_SIGHT = {"ray": RAY, "midpoint": MIDPOINT}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SphereSensor(SensorBase):
-    """A sensor that sees every cell centre within ``range_m`` in three dimensions and in line of sight (the paper's).
-
-    Attributes:
-        kind: name of this sensor in a scenario.
-        range_m: largest distance from the sensor to the centre of a cell.
-        sensing: whether it observes only at the waypoints (the paper) or along the path.
-        line_of_sight: "ray" against the whole surface, or "midpoint", the paper's Eq. 5.
-        sample_spacing_m: distance between observations along the path; default: a sixth of what is seen across the path, 10 m at
-            most.
-    """
+    """A sensor that sees every cell centre within ``range_m`` in three dimensions and in line of sight (the paper's)."""
 
     __pydantic_config__: ClassVar = STRICT
 
-    kind: Literal["sphere"]
-    range_m: float
-    sensing: Sensing = "at-waypoints"
-    line_of_sight: LineOfSight = "ray"
+    kind: Literal["sphere"]  # name of this sensor in a scenario
+    range_m: float  # largest distance from the sensor to the centre of a cell
+    sensing: Sensing = "at-waypoints"  # whether it observes only at the waypoints (the paper) or along the path
+    line_of_sight: LineOfSight = "ray"  # "ray" against the whole surface, or "midpoint", the paper's Eq. 5.
+    # distance between observations along the path; default: a sixth of what is seen across the path, 10 m at most
     sample_spacing_m: float | None = None
 
     def __post_init__(self) -> None:
@@ -56,21 +48,17 @@ class SphereSensor(SensorBase):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscSensor(SensorBase):
-    """A sensor that covers every cell within a horizontal radius, without occlusion: the planar reading of the paper's ``r = 1``.
+    """A sensor that covers every cell within a horizontal radius, without occlusion.
 
-    Attributes:
-        kind: name of this sensor in a scenario.
-        radius_m: largest horizontal distance.
-        sensing: at waypoints or along the path.
-        sample_spacing_m: distance between observations along the path; default: a sixth of what is seen across the path, 10 m at
-            most.
+    It is the planar reading of the paper's ``r = 1``.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
-    kind: Literal["disc"]
-    radius_m: float
-    sensing: Sensing = "at-waypoints"
+    kind: Literal["disc"]  # name of this sensor in a scenario
+    radius_m: float  # largest horizontal distance
+    sensing: Sensing = "at-waypoints"  # at waypoints or along the path
+    # distance between observations along the path; default: a sixth of what is seen across the path, 10 m at most
     sample_spacing_m: float | None = None
 
     def __post_init__(self) -> None:
@@ -101,33 +89,23 @@ class NadirCamera(SensorBase):
     """A camera that points straight down with a circular field of view.
 
     Planning assumes that it is level. Verification uses the flown roll and pitch, unless a gimbal keeps it level.
-
-    Attributes:
-        kind: name of this sensor in a scenario.
-        fov_deg: full opening angle of the cone.
-        range_m: largest slant range.
-        max_incidence_deg: largest angle between the ray and the normal of the ground.
-        sensing: at waypoints or along the path.
-        line_of_sight: "ray" or "midpoint".
-        sample_spacing_m: distance between observations along the path; default: a sixth of what is seen across the path, 10 m at
-            most.
-        mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
-        pixels_across: pixels along the diameter of the field of view, for ground sample distances; none: unknown.
-        max_ground_sample_m: largest ground sample distance; none: any.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
-    kind: Literal["nadir-camera"]
-    fov_deg: float
-    range_m: float
-    max_incidence_deg: float = 75.0
-    sensing: Sensing = "along-path"
-    line_of_sight: LineOfSight = "ray"
+    kind: Literal["nadir-camera"]  # name of this sensor in a scenario
+    fov_deg: float  # full opening angle of the cone
+    range_m: float  # largest slant range
+    max_incidence_deg: float = 75.0  # largest angle between the ray and the normal of the ground
+    sensing: Sensing = "along-path"  # at waypoints or along the path
+    line_of_sight: LineOfSight = "ray"  # "ray" or "midpoint"
+    # distance between observations along the path; default: a sixth of what is seen across the path, 10 m at most
     sample_spacing_m: float | None = None
+    # "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level
     mount: Mount = "fixed"
+    # pixels along the diameter of the field of view, for ground sample distances; none: unknown
     pixels_across: int | None = None
-    max_ground_sample_m: float | None = None
+    max_ground_sample_m: float | None = None  # largest ground sample distance; none: any
 
     def __post_init__(self) -> None:
         require_positive(self, "range_m", "sample_spacing_m")
@@ -190,48 +168,37 @@ class FrameCamera(SensorBase):
     """A camera with a rectangular photo, at any pitch between straight down and straight ahead.
 
     Planning assumes a level vehicle heading along its legs. Verification uses the flown attitude.
-
-    Attributes:
-        kind: name of this sensor in a scenario.
-        fov_across_deg: full angle between the left and the right side of the photo.
-        fov_along_deg: full angle between its bottom and its top.
-        range_m: largest slant range.
-        pitch_deg: angle of the camera's axis to the horizon: -90 is straight down, -30 is ahead and slightly down.
-        heading_deg: heading, clockwise from north, at which a gimbal holds the top of the photo (or the axis, if not straight
-            down); none: that of the vehicle, which follows its legs.
-        max_incidence_deg: largest angle between the ray and the normal of the ground.
-        sensing: at waypoints, which requires a heading, or along the path.
-        line_of_sight: "ray" or "midpoint".
-        sample_spacing_m: distance between observations along the path, unless photos are taken by distance; default: a sixth of
-            what is seen across or along it, the shorter, 10 m at most.
-        mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
-        pixels_across: pixels from the left to the right side of the photo, for ground sample distances; none: unknown.
-        max_ground_sample_m: largest ground sample distance; none: any.
-        forward_overlap: fraction of a photo's length on the ground that the next one shows again, at the lowest height of
-            the band; photos are then taken by distance. None: not required.
-        side_overlap: fraction of a photo's width that the next swath shows again: a cell counts only in the central
-            1 - side_overlap of the photo's width.
-        trigger_distance_m: distance between two photos, instead of a forward overlap.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
-    kind: Literal["frame-camera"]
-    fov_across_deg: float
-    fov_along_deg: float
-    range_m: float
+    kind: Literal["frame-camera"]  # name of this sensor in a scenario
+    fov_across_deg: float  # full angle between the left and the right side of the photo
+    fov_along_deg: float  # full angle between its bottom and its top
+    range_m: float  # largest slant range
+    # angle of the camera's axis to the horizon: -90 is straight down, -30 is ahead and slightly down
     pitch_deg: float = -90.0
+    # heading, clockwise from north, at which a gimbal holds the top of the photo (or the axis, if not straight down);
+    # none: that of the vehicle, which follows its legs
     heading_deg: float | None = None
-    max_incidence_deg: float = 75.0
-    sensing: Sensing = "along-path"
-    line_of_sight: LineOfSight = "ray"
+    max_incidence_deg: float = 75.0  # largest angle between the ray and the normal of the ground
+    sensing: Sensing = "along-path"  # at waypoints, which requires a heading, or along the path
+    line_of_sight: LineOfSight = "ray"  # "ray" or "midpoint"
+    # distance between observations along the path, unless photos are taken by distance; default: a sixth of what is
+    # seen across or along it, the shorter, 10 m at most
     sample_spacing_m: float | None = None
+    # "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level
     mount: Mount = "fixed"
+    # pixels from the left to the right side of the photo, for ground sample distances; none: unknown
     pixels_across: int | None = None
-    max_ground_sample_m: float | None = None
+    max_ground_sample_m: float | None = None  # largest ground sample distance; none: any
+    # fraction of a photo's length on the ground that the next one shows again, at the lowest height of the band; photos
+    # are then taken by distance. None: not required.
     forward_overlap: float | None = None
+    # fraction of a photo's width that the next swath shows again: a cell counts only in the central 1 - side_overlap of
+    # the photo's width
     side_overlap: float = 0.0
-    trigger_distance_m: float | None = None
+    trigger_distance_m: float | None = None  # distance between two photos, instead of a forward overlap
 
     def __post_init__(self) -> None:
         require_positive(self, "range_m", "sample_spacing_m")

@@ -18,17 +18,11 @@ Mount = Literal["fixed", "stabilised"]
 
 @dataclass(frozen=True, slots=True)
 class FlatPicture:
-    """Flat ground in view of a frame camera on a level vehicle: ``near_m`` to ``far_m`` ahead, negative is behind.
+    """Flat ground in view of a frame camera on a level vehicle: ``near_m`` to ``far_m`` ahead, negative is behind."""
 
-    Attributes:
-        near_m: near end of the photo's middle line, ahead of the vehicle.
-        far_m: far end of it.
-        half_width_m: half the photo's width where it is widest, what an overlap leaves of it.
-    """
-
-    near_m: float
-    far_m: float
-    half_width_m: float
+    near_m: float  # near end of the photo's middle line, ahead of the vehicle
+    far_m: float  # far end of it
+    half_width_m: float  # half the photo's width where it is widest, what an overlap leaves of it
 
     @property
     def length_m(self) -> float:
@@ -38,35 +32,21 @@ class FlatPicture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraTurn:
-    """Directions of a camera, one row for each observation.
+    """Directions of a camera, one row for each observation."""
 
-    Attributes:
-        axes: (k, 3) unit vectors in ENU along the viewing direction.
-        tops: (k, 3) unit vectors perpendicular to them, towards the top of the photo.
-        known: (k,) whether the required attitude is known; otherwise level and nose ahead are assumed.
-    """
-
-    axes: FloatArray
-    tops: FloatArray
-    known: BoolArray
+    axes: FloatArray  # (k, 3) unit vectors in ENU along the viewing direction
+    tops: FloatArray  # (k, 3) unit vectors perpendicular to them, towards the top of the photo
+    known: BoolArray  # (k,) whether the required attitude is known; otherwise level and nose ahead are assumed
 
 
 class Rays(NamedTuple):
-    """Rays from a sensor to places on the ground, in metres; arrays of one shape.
+    """Rays from a sensor to places on the ground, in metres; arrays of one shape."""
 
-    Attributes:
-        depth: part along the axis of the camera.
-        across: part along the right of the photo, of either sign.
-        along: part along the top of the photo, of either sign.
-        horizontal2: squared length on the map.
-        distance2: squared length.
-    """
-
-    depth: FloatArray
-    across: FloatArray
-    along: FloatArray
-    horizontal2: FloatArray
-    distance2: FloatArray
+    depth: FloatArray  # part along the axis of the camera
+    across: FloatArray  # part along the right of the photo, of either sign
+    along: FloatArray  # part along the top of the photo, of either sign
+    horizontal2: FloatArray  # squared length on the map
+    distance2: FloatArray  # squared length
 
 
 def rays_to(offsets: Iterable[FloatArray], axis: FloatArray, top: FloatArray) -> Rays:
@@ -82,25 +62,18 @@ class SensorBase(ABC):
 
     A package of a third party derives its sensor from one in ``model/sensor.py``, by which routes are planned, and overrides
     :meth:`in_view`: by that, coverage is judged.
-
-    Attributes:
-        kind: name of this sensor in a scenario.
-        sensing: whether it observes only at the waypoints or along the path.
-        sample_spacing_m: distance between observations along the path; none: by its footprint.
-        mount: how its axis is mounted; none without an axis.
-        heading_deg: heading at which a gimbal holds the top of its photo; none: that of the vehicle, or of no effect.
-        forward_overlap: fraction of a photo's length that the next one shows again; none where it is not required.
-        side_overlap: fraction of a photo's width that the next swath shows again.
     """
 
     __slots__ = ()
-    kind: str
-    sensing: Sensing
-    sample_spacing_m: float | None
-    mount: Mount | None = None
+    kind: str  # name of this sensor in a scenario
+    sensing: Sensing  # whether it observes only at the waypoints or along the path
+    sample_spacing_m: float | None  # distance between observations along the path; none: by its footprint
+    mount: Mount | None = None  # how its axis is mounted; none without an axis
+    # heading at which a gimbal holds the top of its photo; none: that of the vehicle, or of no effect
     heading_deg: float | None = None
+    # fraction of a photo's length that the next one shows again; none where it is not required
     forward_overlap: float | None = None
-    side_overlap: float = 0.0
+    side_overlap: float = 0.0  # fraction of a photo's width that the next swath shows again
 
     @property
     @abstractmethod

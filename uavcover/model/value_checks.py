@@ -29,6 +29,14 @@ def require_not_negative(checked: object, *keys: str) -> None:
         )
 
 
+def require_between(checked: object, low: float, high: float, *keys: str, unit: str = "") -> None:
+    """Require every named value that is given to be between two numbers, both included."""
+    for key in keys:
+        value = getattr(checked, key)
+        within = value is None or low <= value <= high
+        require(within, f"{key}: must be between {low:g} and {high:g}{unit}, not {value}")
+
+
 def require_lon_lat(ring: tuple[tuple[float, float], ...], key: str) -> None:
     """Require every corner to be a longitude and a latitude on Earth."""
     for lon, lat in ring:

@@ -10,7 +10,7 @@ from uavcover.errors import InputError
 from uavcover.model.area import Outline
 from uavcover.model.limits import Home
 from uavcover.model.sensor import Sensor
-from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
+from uavcover.model.value_checks import STRICT, require, require_between, require_not_negative, require_positive
 
 # Several vehicles that fly one plan: how many there are, and what keeps them apart.
 
@@ -20,50 +20,38 @@ class Fleet:
     """Number of vehicles, and their separation.
 
     All vehicles are equal ([vehicle]) and have take-off pads at and beside [home], unless each has its own [[vehicle]].
-
-    Attributes:
-        vehicles: number of vehicles that fly at the same time.
-        turnaround_s: time from the landing of a vehicle to its next take-off with a new battery.
-        separation_m: smallest distance between two vehicles in flight.
-        path_error_m: possible deviation of a vehicle from its planned path. Planned paths are separated by twice this
-            distance more.
-        timing_error_fraction: fraction of the time since take-off by which a vehicle may be early or late.
-        start_error_s: time by which a take-off may be early or late.
-        clock_error_s: possible difference between the arrival times of positions from two vehicles, because of link
-            delays or several computers. Verification uses it.
-        pad_s: time that a vehicle stands at home before take-off and after landing. No other vehicle may be close
-            during this time.
-        pad_spacing_m: distance between the take-off pads of equal vehicles. The first pad is [home]; a plan names the others.
-            Default, and least: `separation_m`, twice `path_error_m` and twice `limits.max_home_error_m`. 0: all vehicles take
-            off from [home], one after the other.
-        max_pad_slope_deg: steepest ground of a pad.
-        one_at_a_time: whether only one vehicle flies at a time. Each takes off `turnaround_s` after the previous
-            landing. This always applies to a vehicle with several launch points ([[launch_point]]).
     """
 
     __pydantic_config__: ClassVar = STRICT
 
-    vehicles: int = 1
-    turnaround_s: float = 300.0
-    separation_m: float = 20.0
+    vehicles: int = 1  # number of vehicles that fly at the same time
+    turnaround_s: float = 300.0  # time from the landing of a vehicle to its next take-off with a new battery
+    separation_m: float = 20.0  # smallest distance between two vehicles in flight
+    # possible deviation of a vehicle from its planned path. Planned paths are separated by twice this distance more.
     path_error_m: float = 3.0
-    timing_error_fraction: float = 0.05
-    start_error_s: float = 5.0
+    timing_error_fraction: float = 0.05  # fraction of the time since take-off by which a vehicle may be early or late
+    start_error_s: float = 5.0  # time by which a take-off may be early or late
+    # possible difference between the arrival times of positions from two vehicles, because of link delays or several
+    # computers. Verification uses it.
     clock_error_s: float = 0.5
+    # time that a vehicle stands at home before take-off and after landing. No other vehicle may be close during this
+    # time.
     pad_s: float = 30.0
+    # distance between the take-off pads of equal vehicles. The first pad is [home]; a plan names the others. Default,
+    # and least: `separation_m`, twice `path_error_m` and twice `limits.max_home_error_m`. 0: all vehicles take off from
+    # [home], one after the other.
     pad_spacing_m: float | None = None
-    max_pad_slope_deg: float = 15.0
+    max_pad_slope_deg: float = 15.0  # steepest ground of a pad
+    # whether only one vehicle flies at a time. Each takes off `turnaround_s` after the previous landing. This always
+    # applies to a vehicle with several launch points ([[launch_point]]).
     one_at_a_time: bool = False
 
     def __post_init__(self) -> None:
-        require(1 <= self.vehicles <= 50, f"vehicles: must be between 1 and 50, not {self.vehicles}")
+        require_between(self, 1, 50, "vehicles")
         require_not_negative(self, "turnaround_s", "start_error_s", "pad_s", "pad_spacing_m")
         require_not_negative(self, "path_error_m", "clock_error_s")
         require_positive(self, "separation_m")
-        require(
-            0.0 <= self.timing_error_fraction <= 0.5,
-            f"timing_error_fraction: must be between 0 and 0.5, not {self.timing_error_fraction}",
-        )
+        require_between(self, 0.0, 0.5, "timing_error_fraction")
         require(
             0.0 < self.max_pad_slope_deg < 90.0,
             f"max_pad_slope_deg: must be between 0 and 90, not {self.max_pad_slope_deg}",
@@ -95,34 +83,24 @@ class PowerModel:
     Induced power decreases with the airspeed (Glauert; Leishman, Principles of Helicopter Aerodynamics, 2.14). The drag of
     blades, rotors and body increases with it. A climb needs additional power. The defaults suit a 2 kg quadcopter with
     10 inch rotors.
-
-    Attributes:
-        mass_kg: take-off mass at which the vehicle hovers for `endurance_s`.
-        payload_kg: additional mass. The hover power increases with the mass to the power of 1.5.
-        rotor_area_m2: total disc area of all rotors. Together with `mass_kg`, it determines the induced velocity.
-        hover_induced_m_s: induced velocity in hover at `mass_kg`; default: computed from `mass_kg` and `rotor_area_m2`,
-            or 6.
-        profile_share: fraction of the hover power of the rotors that overcomes blade drag; 0.474 in Zeng et al. 2019.
-        tip_speed_m_s: speed of the blade tips.
-        rotor_drag_1_s: rotor drag as acceleration per metre per second of airspeed.
-        body_drag_area_m2: drag coefficient times frontal area of the body; requires `mass_kg`.
-        idle_share: fraction of the hover power that the electronics use.
-        descent_gain: fraction of the potential energy that a descent recovers.
-        uncertainty_fraction: margin for the battery use, as a fraction. Sorties are planned with this margin.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
-    mass_kg: float | None = None
-    payload_kg: float = 0.0
+    mass_kg: float | None = None  # take-off mass at which the vehicle hovers for `endurance_s`
+    payload_kg: float = 0.0  # additional mass. The hover power increases with the mass to the power of 1.5.
+    # total disc area of all rotors. Together with `mass_kg`, it determines the induced velocity.
     rotor_area_m2: float | None = None
+    # induced velocity in hover at `mass_kg`; default: computed from `mass_kg` and `rotor_area_m2`, or 6
     hover_induced_m_s: float | None = None
+    # fraction of the hover power of the rotors that overcomes blade drag; 0.474 in Zeng et al. 2019.
     profile_share: float = 0.0
-    tip_speed_m_s: float = 120.0
-    rotor_drag_1_s: float = 0.2
-    body_drag_area_m2: float = 0.0
-    idle_share: float = 0.03
-    descent_gain: float = 0.3
+    tip_speed_m_s: float = 120.0  # speed of the blade tips
+    rotor_drag_1_s: float = 0.2  # rotor drag as acceleration per metre per second of airspeed
+    body_drag_area_m2: float = 0.0  # drag coefficient times frontal area of the body; requires `mass_kg`
+    idle_share: float = 0.03  # fraction of the hover power that the electronics use
+    descent_gain: float = 0.3  # fraction of the potential energy that a descent recovers
+    # margin for the battery use, as a fraction. Sorties are planned with this margin.
     uncertainty_fraction: float = 0.05
 
     def __post_init__(self) -> None:
@@ -130,11 +108,7 @@ class PowerModel:
         require_not_negative(self, "payload_kg", "rotor_drag_1_s", "body_drag_area_m2")
         require(0.0 <= self.profile_share < 1.0, f"profile_share: must be between 0 and 1, not {self.profile_share}")
         require(0.0 <= self.idle_share < 1.0, f"idle_share: must be between 0 and 1, not {self.idle_share}")
-        require(0.0 <= self.descent_gain <= 1.0, f"descent_gain: must be between 0 and 1, not {self.descent_gain}")
-        require(
-            0.0 <= self.uncertainty_fraction <= 1.0,
-            f"uncertainty_fraction: must be between 0 and 1, not {self.uncertainty_fraction}",
-        )
+        require_between(self, 0.0, 1.0, "descent_gain", "uncertainty_fraction")
         for key in ("payload_kg", "rotor_area_m2", "body_drag_area_m2"):
             require(not getattr(self, key) or self.mass_kg is not None, f"{key}: this key requires mass_kg")
         require(
@@ -174,21 +148,15 @@ MOCK_UID = int.from_bytes(b"uavcover", "big")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wind:
-    """Constant wind during the flight, and the wind for which batteries are planned.
-
-    Attributes:
-        speed_m_s: horizontal wind speed.
-        from_deg: direction from which the wind blows, clockwise from north.
-        most_m_s: strongest steady wind, from any direction, in which every flight keeps its reserve; default: only the
-            wind above.
-        gust_m_s: standard deviation of the wind in each horizontal direction. Gusts increase the battery use.
-    """
+    """Constant wind during the flight, and the wind for which batteries are planned."""
 
     __pydantic_config__: ClassVar = STRICT
 
-    speed_m_s: float = 0.0
-    from_deg: float = 0.0
+    speed_m_s: float = 0.0  # horizontal wind speed
+    from_deg: float = 0.0  # direction from which the wind blows, clockwise from north
+    # strongest steady wind, from any direction, in which every flight keeps its reserve; default: only the wind above
     most_m_s: float | None = None
+    # standard deviation of the wind in each horizontal direction. Gusts increase the battery use.
     gust_m_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -197,7 +165,7 @@ class Wind:
             self.most_m_s is None or self.most_m_s >= self.speed_m_s,
             f"most_m_s: must be at least speed_m_s = {self.speed_m_s}, not {self.most_m_s}",
         )
-        require(abs(self.from_deg) <= 360.0, f"from_deg: must be between -360 and 360 degrees, not {self.from_deg}")
+        require_between(self, -360.0, 360.0, "from_deg", unit=" degrees")
 
 
 AutopilotName = Literal["ardupilot", "px4"]
@@ -215,43 +183,28 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotMotion:
-    """Default motion of an autopilot's multirotor between waypoints, at take-off and at landing.
+    """Default motion of an autopilot's multirotor between waypoints, at take-off and at landing."""
 
-    Attributes:
-        acceleration_m_s2: over ground.
-        vertical_acceleration_m_s2: up and down.
-        jerk_m_s3: how fast the acceleration changes.
-        corner: "blended": the next leg begins before the last one has ended; "braked": it slows down for the corner.
-        corner_radius_m: within which it passes a waypoint.
-        smoothing_s: by which each leg takes longer because the jerk does not change at once.
-        settling_s: by which a long leg takes longer because the vehicle follows its own set speed late; measured.
-        settling_tc_s: time constant of that; measured.
-        vertical_change_m_s: largest change of vertical speed at a waypoint that it does not brake for; none: any.
-        takeoff_m_s: speed of the first metres of the climb; none: as any climb.
-        takeoff_slow_m: how many metres these are.
-        land_m_s: speed of the last metres of the landing.
-        land_slow_m: how many metres these are.
-        land_band_m: metres above those over which the speed changes.
-        yaw_rate_deg_s: at which its nose turns.
-        yaw_acceleration_deg_s2: how fast that rate changes; none: at once.
-    """
-
-    acceleration_m_s2: float
-    vertical_acceleration_m_s2: float
-    jerk_m_s3: float
+    acceleration_m_s2: float  # over ground
+    vertical_acceleration_m_s2: float  # up and down
+    jerk_m_s3: float  # how fast the acceleration changes
+    # "blended": the next leg begins before the last one has ended; "braked": it slows down for the corner
     corner: Literal["blended", "braked"]
-    corner_radius_m: float
-    smoothing_s: float = 0.0
+    corner_radius_m: float  # within which it passes a waypoint
+    smoothing_s: float = 0.0  # by which each leg takes longer because the jerk does not change at once
+    # by which a long leg takes longer because the vehicle follows its own set speed late; measured
     settling_s: float = 0.0
-    settling_tc_s: float = 1.0
+    settling_tc_s: float = 1.0  # time constant of that; measured
+    # largest change of vertical speed at a waypoint that it does not brake for; none: any
     vertical_change_m_s: float | None = None
-    takeoff_m_s: float | None = None
-    takeoff_slow_m: float = 0.0
-    land_m_s: float
-    land_slow_m: float
-    land_band_m: float
+    takeoff_m_s: float | None = None  # speed of the first metres of the climb; none: as any climb
+    takeoff_slow_m: float = 0.0  # how many metres these are
+    land_m_s: float  # speed of the last metres of the landing
+    land_slow_m: float  # how many metres these are
+    land_band_m: float  # metres above those over which the speed changes
+    # at which its nose turns
     yaw_rate_deg_s: float = 60.0  # ATC_SLEW_YAW of ArduCopter, MPC_YAWRAUTO_MAX of PX4 from 1.15 on (45 before)
-    yaw_acceleration_deg_s2: float | None = None
+    yaw_acceleration_deg_s2: float | None = None  # how fast that rate changes; none: at once
 
 
 MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
@@ -290,55 +243,37 @@ MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
-    """Performance of the multirotor.
-
-    Attributes:
-        cruise_speed_m_s: ground speed along the legs.
-        max_climb_m_s: greatest climb speed.
-        max_descent_m_s: greatest descent speed.
-        max_airspeed_m_s: greatest airspeed; default: wind does not limit the ground speed.
-        acceleration_m_s2: horizontal acceleration; default: value of the autopilot (ArduPilot 2.5, PX4 3.0). With
-            `inf`, turns take no time.
-        jerk_m_s3: rate of change of the acceleration; default: value of the autopilot (ArduPilot 1.0, PX4 4.0).
-        acceptance_radius_m: distance at which the autopilot considers a waypoint as reached.
-        takeoff_height_m: height above home of the vertical climb; increased if the transit requires it.
-        return_height_m: height above home of the autopilot's own return.
-        endurance_s: hover time of a full battery. No planned flight takes longer. Default: no limit.
-        reserve_fraction: fraction of the battery and endurance that every planned flight keeps in reserve. A longer
-            mission is split into sorties.
-        max_mission_items: largest number of mission items, including home if the autopilot counts it; default: known
-            limit of the autopilot.
-        autopilot: autopilot for which mission files are written.
-        power: power model of the vehicle.
-        home: take-off and landing position of one of several vehicles; default: [home].
-        area: part of the area for one of several vehicles; default: vehicles without a part share the rest.
-        sensor: sensor of one of several vehicles; default: [sensor]. Vehicles with different sensors fly different
-            parts of the area.
-        link: URL of the vehicle for commands without `--to`.
-        system_id: MAVLink system id of the vehicle; required if several vehicles share a link.
-    """
+    """Performance of the multirotor."""
 
     __pydantic_config__: ClassVar = STRICT
 
-    cruise_speed_m_s: float = 10.0
-    max_climb_m_s: float = 4.0
-    max_descent_m_s: float = 3.0
-    max_airspeed_m_s: float | None = None
+    cruise_speed_m_s: float = 10.0  # ground speed along the legs
+    max_climb_m_s: float = 4.0  # greatest climb speed
+    max_descent_m_s: float = 3.0  # greatest descent speed
+    max_airspeed_m_s: float | None = None  # greatest airspeed; default: wind does not limit the ground speed
+    # horizontal acceleration; default: value of the autopilot (ArduPilot 2.5, PX4 3.0). With `inf`, turns take no time.
     acceleration_m_s2: float | None = None
+    # rate of change of the acceleration; default: value of the autopilot (ArduPilot 1.0, PX4 4.0)
     jerk_m_s3: float | None = None
-    acceptance_radius_m: float = 3.0
-    takeoff_height_m: float = 30.0
-    return_height_m: float = 60.0
-    endurance_s: float | None = None
+    acceptance_radius_m: float = 3.0  # distance at which the autopilot considers a waypoint as reached
+    takeoff_height_m: float = 30.0  # height above home of the vertical climb; increased if the transit requires it
+    return_height_m: float = 60.0  # height above home of the autopilot's own return
+    endurance_s: float | None = None  # hover time of a full battery. No planned flight takes longer. Default: no limit.
+    # fraction of the battery and endurance that every planned flight keeps in reserve. A longer mission is split into
+    # sorties.
     reserve_fraction: float = 0.2
+    # largest number of mission items, including home if the autopilot counts it; default: known limit of the autopilot
     max_mission_items: int | None = None
-    autopilot: AutopilotName = "ardupilot"
-    power: PowerModel = field(default_factory=PowerModel)
-    home: Home | None = None
+    autopilot: AutopilotName = "ardupilot"  # autopilot for which mission files are written
+    power: PowerModel = field(default_factory=PowerModel)  # power model of the vehicle
+    home: Home | None = None  # take-off and landing position of one of several vehicles; default: [home]
+    # part of the area for one of several vehicles; default: vehicles without a part share the rest
     area: Outline | None = None
+    # sensor of one of several vehicles; default: [sensor]. Vehicles with different sensors fly different parts of the
+    # area.
     sensor: Sensor | None = None
-    link: str | None = None
-    system_id: int | None = None
+    link: str | None = None  # URL of the vehicle for commands without `--to`
+    system_id: int | None = None  # MAVLink system id of the vehicle; required if several vehicles share a link
 
     def __post_init__(self) -> None:
         require_positive(self, "cruise_speed_m_s", "max_climb_m_s", "max_descent_m_s", "acceptance_radius_m")
@@ -355,10 +290,7 @@ class Vehicle:
         require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: must be greater than 0")
         require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: must be greater than 0")
         require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be greater than 0")
-        require(
-            self.system_id is None or 1 <= self.system_id <= 255,
-            f"system_id: must be between 1 and 255, not {self.system_id}",
-        )
+        require_between(self, 1, 255, "system_id")
         require(
             0.0 <= self.reserve_fraction < 1.0,
             f"reserve_fraction: must be between 0 and 1, not {self.reserve_fraction}",

@@ -12,7 +12,7 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.missions.flight_costs import mission_time_s
 from uavcover.missions.sorties import compile_sorties
 from uavcover.model.active_times import window_of
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.model.route import Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.new import quantities
@@ -26,8 +26,17 @@ from uavcover.new.elevation_questions import (
     over_lakes,
     surface_asked_for,
 )
-from uavcover.new.scenario_text import SurveyScenario, View, name_of, return_height_m, scenario_text, views_of
-from uavcover.new.survey import SurveyDesign, SurveyWish, design_survey
+from uavcover.new.survey import (
+    SurveyDesign,
+    SurveyScenario,
+    SurveyWish,
+    View,
+    design_survey,
+    name_of,
+    return_height_m,
+    scenario_text,
+    views_of,
+)
 from uavcover.new.terrain_look import SurfaceLook, TerrainLook, look_at_terrain, place_for_home
 from uavcover.new.tuning import TERRAIN
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
@@ -49,7 +58,7 @@ from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_height_amsl_m
 from uavcover.terrain.elevation_trust import trust_asked_for
-from uavcover.terrain.vertical import datum_named
+from uavcover.terrain.file_heights import datum_named
 
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
 
@@ -205,43 +214,22 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
 
 
 def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
-    """Tell photos, time and batteries of plain parallel lines; the same as a document."""
-    estimate = _estimate(scenario)
-    user.say(f"{f'estimate {scenario.view.name}'.strip():18}{estimate.words}")
-    return {"pictures": estimate.pictures, "flight_time_s": estimate.time_s, "batteries": estimate.batteries}
-
-
-@dataclass(frozen=True, slots=True)
-class _Estimate:
-    pictures: int
-    time_s: float
-    batteries: int | None
-    words: str
-
-
-def _estimate(scenario: NewScenario) -> _Estimate:
-    """Estimate of plain parallel swaths over the area; the search finds better."""
-    site = scenario.site
+    """Tell photos, time and batteries of plain parallel lines, which the search beats; the same as a document."""
+    site, vehicle = scenario.site, scenario.site.scenario.vehicle
     route, lines = _plain_route(site, scenario.view)
     length_m = float(path_lengths_m(route.waypoints_m)[-1])
-    every_m = trigger_distance_m(site.scenario) or length_m
-    pictures = math.floor(length_m / every_m) + 1
+    pictures = math.floor(length_m / (trigger_distance_m(site.scenario) or length_m)) + 1
     time_s = mission_time_s(site, route)
     words = f"about {counted(pictures, 'photo')}, {counted(lines, 'line')}, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
-    if site.scenario.vehicle.longest_flight_s is None:
-        return _Estimate(
-            pictures, time_s, None, f"{words} (simple parallel lines; for the number of batteries, add --battery)"
-        )
-    try:
-        batteries = len(compile_sorties(site, route, autopilot=site.scenario.vehicle.autopilot))
-    except InfeasibleError:
-        batteries = math.ceil(time_s / site.scenario.vehicle.longest_flight_s)
-    return _Estimate(
-        pictures,
-        time_s,
-        batteries,
-        f"{words}, {batteries} batter{'y' if batteries == 1 else 'ies'} (simple parallel lines)",
-    )
+    batteries, rest = None, " (simple parallel lines; for the number of batteries, add --battery)"
+    if vehicle.longest_flight_s is not None:
+        try:
+            batteries = len(compile_sorties(site, route, autopilot=vehicle.autopilot))
+        except InfeasibleError:
+            batteries = math.ceil(time_s / vehicle.longest_flight_s)
+        rest = f", {batteries} batter{'y' if batteries == 1 else 'ies'} (simple parallel lines)"
+    user.say(f"{f'estimate {scenario.view.name}'.strip():18}{words}{rest}")
+    return {"pictures": pictures, "flight_time_s": time_s, "batteries": batteries}
 
 
 def _window_asked_for(request: NewRequest) -> tuple[str, str] | None:

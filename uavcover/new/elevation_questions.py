@@ -16,8 +16,7 @@ from mission_io.data_tables import read_document
 from mission_io.model.places import M_PER_DEG
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, TerrainError
-from uavcover.model.area import Ring, Rings
-from uavcover.model.terrain import HeightUnit
+from uavcover.model.area import HeightUnit, Ring, Rings
 from uavcover.new import quantities
 from uavcover.new.survey import SurveyDesign
 from uavcover.new.terrain_look import SurfaceLook, TerrainLook, known_margin_m, look_at_surface, read_as_needed

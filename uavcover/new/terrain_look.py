@@ -16,9 +16,9 @@ from uavcover.model.area import Rings
 from uavcover.new.tuning import TERRAIN
 from uavcover.scenario.surface_model import of_surface, refuse_other_heights
 from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
+from uavcover.terrain.file_heights import ELLIPSOID, SEA_LEVEL_DATUMS
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.terrain_source import TerrainSource
-from uavcover.terrain.vertical import ELLIPSOID, SEA_LEVEL_DATUMS
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,14 +21,14 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.planner.gap_route import ClosingRoute, plan_closing_route
 from uavcover.planner.plan_files import save_plan
-from uavcover.run.flight_folders import GAP_FOLDER, flown_tracks
+from uavcover.run.documents import GAP_FOLDER, flown_tracks
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
 from uavcover.run.provenance import note_files, sha256_of_content
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import own_sensors, vehicle_sites
+from uavcover.scenario.vehicles import own_sensors, vehicle_sites
 from uavcover.sensing.site_maps import map_for
 from uavcover.verification.command import judge_run, say_inputs
 from uavcover.verification.gaps import gaps_geojson

@@ -16,8 +16,8 @@ from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_compiler import CompiledMission, check_fence
 from uavcover.missions.mission_files import one_or_several
 from uavcover.missions.sorties import Sortie, check_reach
+from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Plan, Route
-from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planner.budget import SHARES, CommandTime, StageTimes
 from uavcover.planner.fleet_document import fleet_document, say_fleet
@@ -47,7 +47,7 @@ from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import groups_of, own_sensors, vehicle_sites
+from uavcover.scenario.vehicles import groups_of, own_sensors, vehicle_sites
 from uavcover.sensing.block_map import is_large
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 from uavcover.sensing.site_maps import judging_map, planning_map

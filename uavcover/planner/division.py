@@ -16,7 +16,7 @@ import shapely
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import Piece, polygons_of
+from uavcover.scenario.vehicles import Piece, polygons_of
 
 _DIRECTIONS = 12
 _BISECTIONS = 14

@@ -9,7 +9,7 @@ from uavcover.missions.flights import makespan_s
 from uavcover.missions.sorties import Sortie
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import groups_of, vehicle_sites
+from uavcover.scenario.vehicles import groups_of, vehicle_sites
 
 
 def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | None:

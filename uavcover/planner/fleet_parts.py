@@ -17,7 +17,7 @@ from uavcover.planner.division import FlightWork, divide, flight_work
 from uavcover.planner.front import pareto_members
 from uavcover.planner.selection_rule import parse_rule, select
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import Piece, groups_of, own_parts, vehicle_sites
+from uavcover.scenario.vehicles import Piece, groups_of, own_parts, vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import finer_map, map_for
 

@@ -13,16 +13,14 @@ import numpy as np
 import shapely
 
 from uavcover.errors import InfeasibleError
-from uavcover.missions.fleet_schedule import schedule
-from uavcover.missions.separation import UnsafeStarts
+from uavcover.missions.fleet_schedule import Timeline, UnsafeStarts, schedule, timeline_of
 from uavcover.missions.sorties import compile_sorties
-from uavcover.missions.timeline import Timeline, timeline_of
 from uavcover.model.area import Outline
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.planner.division import FlightWork, divide, flight_work
 from uavcover.planner.fleet_parts import Soonest, part_sites, plan_of_parts
 from uavcover.scenario.site import Site, area_as_drawn
-from uavcover.scenario.vehicle_areas import Piece, vehicle_sites
+from uavcover.scenario.vehicles import Piece, vehicle_sites
 
 _log = logging.getLogger(__name__)
 

@@ -14,8 +14,13 @@ import numpy as np
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
-from uavcover.missions.corner_checks import find_corner_problems
-from uavcover.missions.leg_checks import LegProblem, find_problems, find_waypoint_problems, measure_violations
+from uavcover.missions.leg_checks import (
+    LegProblem,
+    find_corner_problems,
+    find_problems,
+    find_waypoint_problems,
+    measure_violations,
+)
 from uavcover.missions.objectives import judge_member
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import PART_OF, Route, RouteMember

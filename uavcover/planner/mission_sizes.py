@@ -15,8 +15,8 @@ from uavcover.model.route import MissionSize, Plan, Route, RouteMember
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planner.budget import CommandTime
 from uavcover.planner.selection_rule import Rule, parse_rule, select_flown
-from uavcover.scenario.pads import before_pads, on_pads
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import before_pads, on_pads
 
 _MOST_S = 4.0
 """Processor time for all members of a set, as estimated from their waypoints and vehicles: more is too long beside the search."""

@@ -27,7 +27,7 @@ from uavcover.run.folder import (
 from uavcover.run.provenance import obstacles_sha256, run_document, sha256_of_content, version, with_entry
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import vehicle_sites
 from uavcover.sensing.block_map import look_at_all, one_after_the_other
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_map, map_for

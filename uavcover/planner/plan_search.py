@@ -25,9 +25,8 @@ from uavcover.planner.planner import Effort, SearchProgress, plan_in_time
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.plugins import loaded
 from uavcover.run.user import StopRequests
-from uavcover.scenario.pads import on_pads
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import groups_of
+from uavcover.scenario.vehicles import groups_of, on_pads
 from uavcover.sensing.block_map import in_blocks
 
 _log = logging.getLogger(__name__)

@@ -19,7 +19,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import own_sensors
+from uavcover.scenario.vehicles import own_sensors
 from uavcover.sensing.pictures import planned_poses, takes_pictures
 from uavcover.sensing.site_maps import judging_map
 

@@ -17,7 +17,7 @@ from uavcover.planner.selection_rule import parse_rule, select
 from uavcover.run.documents import read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import groups_of
+from uavcover.scenario.vehicles import groups_of
 
 _ROUTES = "pareto_routes.csv"
 

@@ -7,8 +7,12 @@ inside of it.
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.corner_checks import corner_excess_around_m, corner_excess_m, corner_heights_off_m
-from uavcover.missions.leg_checks import measure_violations
+from uavcover.missions.leg_checks import (
+    corner_excess_around_m,
+    corner_excess_m,
+    corner_heights_off_m,
+    measure_violations,
+)
 from uavcover.model.route import Route
 from uavcover.scenario.site import Site
 from uavcover.sensing.flown_line import corners_flown

@@ -10,7 +10,7 @@ from shapely.ops import nearest_points, substring
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.profile import follow_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
-from uavcover.scenario.airspace.way_round import WayRound
+from uavcover.scenario.airspace.zones import WayRound
 from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.site import Site, once
 

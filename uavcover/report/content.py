@@ -14,12 +14,11 @@ from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.model.verdict import PictureStatistics
 from uavcover.planner.pareto_file import ParetoRow, read_pareto
-from uavcover.run.documents import PlannedDocument, read_plan_document
-from uavcover.run.flight_folders import site_for
+from uavcover.run.documents import PlannedDocument, read_plan_document, site_for
 from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import judged_logs, was_flown
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import groups_of, own_sensors, vehicle_sites
+from uavcover.scenario.vehicles import groups_of, own_sensors, vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
 from uavcover.sensing.site_maps import fleet_map, map_for

@@ -10,7 +10,7 @@ import shapely
 
 from uavcover.errors import UavcoverError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.failsafe_states import IN_PLACE
+from uavcover.missions.failsafes import IN_PLACE
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.return_advice import flight_states
 from uavcover.model.route import Route

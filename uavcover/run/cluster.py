@@ -17,7 +17,7 @@ from distributed.comm import CommClosedError
 
 from uavcover.errors import InputError, UavcoverError
 from uavcover.run.provenance import differences, program
-from uavcover.run.shared_file import can_share_files, read_shared, share
+from uavcover.run.scheduling import can_share_files, read_shared, share
 
 Shared = TypeVar("Shared")
 Task = TypeVar("Task")

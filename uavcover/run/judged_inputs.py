@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from uavcover.errors import InputError, ScenarioError, UavcoverError
+from uavcover.model.area import RasterTerrain
 from uavcover.model.scenario import Scenario
-from uavcover.model.terrain import RasterTerrain
-from uavcover.run.flight_folders import TRACK, continues, flown_tracks, plans_of
+from uavcover.run.documents import TRACK, continues, flown_tracks, plans_of
 from uavcover.run.folder import FLIGHT_FILES, MISSION_FILES, SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
 from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from uavcover.errors import InputError, OutputError
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.limits import Obstacles
 from uavcover.model.outcome import FlightOutcome
 from uavcover.run.folder import FLIGHT_FILES, SCHEMA_VERSION, RunFolder
 

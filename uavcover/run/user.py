@@ -21,19 +21,15 @@ class ProgressBar(Protocol):
 
     def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
         """Show how far it is."""
-        ...
 
     def count(self, done: int, total: int) -> None:
         """Show ``done`` of ``total``."""
-        ...
 
     def draw(self, lon_lat_deg: Callable[[], Sequence[Sequence[float]]]) -> None:
         """Draw a route on a map, where there is one; its (n, 2) places are computed only then."""
-        ...
 
     def status(self, line: str, *, at_s: float) -> None:
         """Show what a vehicle does ``at_s`` seconds after its take-off; an empty line ends it."""
-        ...
 
 
 class StopRequests(Protocol):
@@ -42,15 +38,12 @@ class StopRequests(Protocol):
     @property
     def count(self) -> int:
         """Once: end in good order; twice: in a flight, hold and leave the vehicle there."""
-        ...
 
     def any(self) -> bool:
         """Whether the user wants to stop."""
-        ...
 
     def no_longer_than(self, seconds: float, ready: Callable[[], bool]) -> AbstractContextManager[None]:
         """Raise StageOver in the context's code after this time, or soon after a request to stop, once ``ready`` is true."""
-        ...
 
 
 class PauseRequests(Protocol):
@@ -58,7 +51,6 @@ class PauseRequests(Protocol):
 
     def paused(self) -> bool:
         """Whether the vehicle is to wait now."""
-        ...
 
 
 class User(Protocol):
@@ -66,35 +58,27 @@ class User(Protocol):
 
     def say(self, line: str = "") -> None:
         """Tell something."""
-        ...
 
     def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """Tell the head of a vehicle's table of limits, whose lines follow, and its rows as values for programs."""
-        ...
 
     def warn(self, line: str) -> None:
         """Tell something that must not be missed."""
-        ...
 
     def agrees(self, question: str) -> bool:
         """Ask something that only a person may answer with yes; without one the answer is no."""
-        ...
 
     def ring(self) -> None:
         """Draw attention, as a terminal's bell does."""
-        ...
 
     def progress(self, what: str, total: float | None = None) -> AbstractContextManager[ProgressBar]:
         """Show progress while the context lasts."""
-        ...
 
     def stop_requests(self, first: str) -> AbstractContextManager[StopRequests]:
         """Count requests to stop instead of raising; the first request shows the text ``first``."""
-        ...
 
     def pause_requests(self) -> AbstractContextManager[PauseRequests]:
         """Take requests to pause while the context lasts."""
-        ...
 
 
 class Unattended:

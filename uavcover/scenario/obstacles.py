@@ -25,11 +25,11 @@ from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.kernels.obstacles import make_obstacles
 from uavcover.kernels.surface import GRID
 from uavcover.model.area import Ring
-from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.limits import Obstacle, Obstacles
 from uavcover.model.scenario import Scenario
-from uavcover.scenario.areas.gis_file import kml_of
+from uavcover.scenario.areas.features import kml_of
+from uavcover.terrain.frames import nodes_inside_m
 from uavcover.terrain.ground import Ground
-from uavcover.terrain.pixel_frame import nodes_inside_m
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,7 @@ import shapely
 
 from uavcover.errors import InputError, ScenarioError
 from uavcover.model.area import Outline, Ring, Rings
-from uavcover.model.limits import FlightLimits
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle
+from uavcover.model.limits import FlightLimits, NoFly, Obstacle
 from uavcover.model.scenario import Scenario
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import polygons_of, read_geojson

@@ -16,12 +16,10 @@ from pydantic_core import ErrorDetails
 
 from mission_io.errors import MissionIoError
 from uavcover.errors import InputError, ScenarioError
-from uavcover.model.area import Area
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacles
+from uavcover.model.area import Area, RasterTerrain, Terrain
+from uavcover.model.limits import NoFly, Obstacles
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import Sensor
-from uavcover.model.terrain import RasterTerrain, Terrain
 from uavcover.plugins import load, registered
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
@@ -37,6 +35,7 @@ from uavcover.scenario.ring_checks import (
 )
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
+Bounds = tuple[float, float, float, float]
 _BUNDLED = "bundled:"
 _MOST_MISTAKES = 5
 """Largest number of obstacles named in an error line."""
@@ -120,18 +119,20 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         mistakes.append("no_fly: zones from a file require a position on Earth; add an [origin]")
     if mistakes:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
+    area = with_rings(scenario.area, folder, key="area")
+    around = bounds_deg(area, scenario)
     return dataclasses.replace(
         scenario,
-        area=with_rings(scenario.area, folder, key="area"),
+        area=area,
         vehicles=tuple(
             dataclasses.replace(
                 vehicle, area=vehicle.area and with_rings(vehicle.area, folder, key=f"vehicle.{k}.area")
             )
             for k, vehicle in enumerate(scenario.vehicles)
         ),
-        terrain=_absolute_files(scenario, folder),
+        terrain=_absolute_files(scenario.terrain, folder, around),
         obstacles=_inline_obstacles(scenario.obstacles, folder),
-        no_fly=_inline_zones(scenario, folder),
+        no_fly=_inline_zones(scenario.no_fly, folder, around),
     )
 
 
@@ -354,21 +355,19 @@ def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
     return dataclasses.replace(obstacles, file=None, prisms=(*obstacles.prisms, *read))
 
 
-def _inline_zones(scenario: Scenario, folder: Path) -> tuple[NoFly, ...]:
-    """The no-fly zones with their files replaced by the zones near area, home and fence.
+def _inline_zones(entries: Sequence[NoFly], folder: Path, around: Bounds | None) -> tuple[NoFly, ...]:
+    """The no-fly zones with their files replaced by the zones near these bounds in degrees.
 
     Raises:
         ScenarioError: a file cannot be used.
     """
     found: list[NoFly] = []
-    for number, entry in enumerate(scenario.no_fly):
+    for number, entry in enumerate(entries):
         if entry.file is None:
             found.append(entry)
             continue
         try:
-            zones, notes = read_zones(
-                entry, folder=folder, near=bounds_deg(with_rings(scenario.area, folder, key="area"), scenario)
-            )
+            zones, notes = read_zones(entry, folder=folder, near=around)
         except InputError as error:
             raise ScenarioError(f"no_fly.{number}.file: {error}") from error
         for note in notes:
@@ -387,7 +386,7 @@ def with_no_fly(scenario: Scenario, files: Sequence[str], *, margin_m: float) ->
         raise InputError(f"--no-fly: scenario {scenario.name} has no position on Earth; add an [origin]")
     entries = tuple(NoFly(file=str(Path(file).resolve()), margin_m=margin_m) for file in files)
     try:
-        zones = _inline_zones(dataclasses.replace(scenario, no_fly=entries), Path())
+        zones = _inline_zones(entries, Path(), bounds_deg(scenario.area, scenario))
     except ScenarioError as error:
         raise InputError(f"--no-fly: {str(error).partition(': ')[2]}") from error
     return dataclasses.replace(scenario, no_fly=(*scenario.no_fly, *zones))
@@ -417,12 +416,10 @@ def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
     return prism_mistakes(prisms, on_earth=on_earth)[:_MOST_MISTAKES]
 
 
-def _absolute_files(scenario: Scenario, folder: Path) -> Terrain:
-    """The terrain with absolute paths; of several tiles only those near area and home."""
-    terrain = scenario.terrain
+def _absolute_files(terrain: Terrain, folder: Path, around: Bounds | None) -> Terrain:
+    """The terrain with absolute paths; of several tiles only those near these bounds in degrees."""
     if not isinstance(terrain, RasterTerrain):
         return terrain
-    around = bounds_deg(with_rings(scenario.area, folder, key="area"), scenario)
 
     def absolute(file: str | tuple[str, ...], key: str) -> str | tuple[str, ...]:
         names = _names(file)

@@ -13,9 +13,8 @@ import shapely
 
 from uavcover.errors import NoElevationError, ScenarioError, TerrainError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.area import Outline, Ring
+from uavcover.model.area import Outline, RasterTerrain, Ring, SineCosineTerrain
 from uavcover.model.scenario import Objective, Scenario, Uncertainty
-from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
 from uavcover.scenario.airspace.zones import Zone, ZoneCheck, check_is_outside, local_zones
 from uavcover.scenario.obstacles import Footprint, Prism, check_is_clear, stand_on
 from uavcover.scenario.scenario_file import load_scenario, terrain_source

@@ -9,13 +9,12 @@ import numpy as np
 
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.area import RasterTerrain
 from uavcover.model.scenario import Scenario
-from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.scenario_file import surface_source
 from uavcover.terrain.elevation_file import read_ground
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import Bounds, LocalFrame, finish_frame, places_of_nodes_m
 from uavcover.terrain.ground import Ground, ground_of_nodes
-from uavcover.terrain.pixel_frame import Bounds, finish_frame, places_of_nodes_m
 from uavcover.terrain.tuning import FILES
 
 _log = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ from uavcover.kernels.horizon import rises
 from uavcover.kernels.obstacles import horizons
 from uavcover.kernels.sight import RAY, widest_tangent
 from uavcover.kernels.skyline import NO_SKYLINES, skylines
-from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
+from uavcover.model.area import RasterTerrain, SineCosineTerrain
 from uavcover.scenario.site import Site, once
 from uavcover.sensing.observing import sight_for_cells
 from uavcover.terrain.ground import Ground

@@ -18,8 +18,8 @@ from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray, read_only
 from uavcover.kernels.coverage import picture_places
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speeds_over_ground, turn_times
 from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 from uavcover.sensing.sensors import trigger_distance_m, turns_with_legs
 
 _CORNER_POINTS = 17

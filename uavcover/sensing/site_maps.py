@@ -3,7 +3,7 @@
 import numpy as np
 
 from uavcover.scenario.site import Site, once
-from uavcover.scenario.vehicle_areas import own_sensors, vehicle_sites
+from uavcover.scenario.vehicles import own_sensors, vehicle_sites
 from uavcover.sensing.block_map import BlockMap
 from uavcover.sensing.cells import (
     cut_for,

@@ -20,13 +20,18 @@ from rasterio.windows import Window
 from uavcover.errors import NoElevationError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, places_on_grid
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.file_heights import (
+    DATUMS,
+    ELLIPSOID,
+    Undulation,
+    fill_gaps,
+    refuse_feet_by_guess,
+    unit_of_heights_m,
+)
+from uavcover.terrain.frames import Bounds, LocalFrame, finish_frame, fit_frame, node_ups_m
 from uavcover.terrain.ground import Ground, grid_ground, ground_of_nodes
-from uavcover.terrain.no_data import fill_gaps
-from uavcover.terrain.pixel_frame import Bounds, finish_frame, fit_frame, node_ups_m
 from uavcover.terrain.terrain_source import TerrainSource, as_source, unreadable
 from uavcover.terrain.tuning import FILES, PIXELS
-from uavcover.terrain.vertical import DATUMS, ELLIPSOID, Undulation, refuse_feet_by_guess, unit_of_heights_m
 
 _log = logging.getLogger(__name__)
 

@@ -1,19 +1,25 @@
-"""The local east-north-up frame of a scenario, by pyproj's topocentric pipeline.
+"""The local east-north-up frame of a scenario, by pyproj's topocentric pipeline, and the pixels of elevation files in it.
 
 Heights: the frame takes heights above mean sea level (AMSL) where geometry needs heights above the ellipsoid. Within one
 frame the difference, the geoid undulation, is treated as constant. The error is small: undulation changes by centimetres
 per kilometre, and a constant offset of 100 m scales horizontal distances by 100 m / 6378 km = 1.6e-5 (16 mm per km).
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebpts1, chebvander
 from numpy.typing import ArrayLike
 from pyproj import Transformer
 
-from uavcover.errors import InputError
+from mission_io.model.places import MEAN_RADIUS_M
+from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite
+from uavcover.terrain.tuning import PIXELS
 
 
 @dataclass(frozen=True)
@@ -83,3 +89,151 @@ class LocalFrame:
             return np.array([one_lat]), np.array([one_lon]), np.array([one_alt])
         lon, lat, alt = self._pipeline.transform(enu[:, 0], enu[:, 1], enu[:, 2], direction="INVERSE")
         return np.asarray(lat, float), np.asarray(lon, float), np.asarray(alt, float)
+
+
+Bounds = tuple[float, float, float, float]
+
+ToPixels = Callable[[FloatArray, FloatArray], FloatArray]
+"""(n, 2) column and row, integers at pixel centres, of latitudes (n,) and longitudes (n,)."""
+
+FromPixels = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Latitudes (n,) and longitudes (n,) of (n, 2) columns and rows."""
+
+
+def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level_up_m: float) -> GridFrame:
+    """Fit columns and rows of a raster to the local frame.
+
+    Values that depend on node heights (pieces, leeway) are added by :func:`finish_frame`.
+
+    Args:
+        to_pixels: exact columns and rows.
+        frame: the local frame.
+        bounds_m: west, south, east, north of the requested ground.
+        level_up_m: up coordinate of the fit, to which plumb lines lead.
+
+    Raises:
+        TerrainError: the raster's coordinate system does not reach there.
+    """
+    west, south, east, north = bounds_m
+    middle = np.array([0.5 * (west + east), 0.5 * (south + north)])
+    scale = 0.5 * max(east - west, north - south, 1.0) * PIXELS.wider
+    across = chebpts1(PIXELS.lattice)
+    unit = np.column_stack([axis.ravel() for axis in np.meshgrid(across, across)])
+    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([middle + scale * unit, np.full(len(unit), level_up_m)]))
+    pixels = to_pixels(lat, lon)
+    if not np.isfinite(pixels).all():
+        raise TerrainError("its coordinate system does not cover all of the scenario's area")
+    terms = np.ascontiguousarray(np.linalg.lstsq(_cubic(unit), pixels, rcond=None)[0].T)
+    terms.flags.writeable = False
+    lean_per_m = 1.0 / (MEAN_RADIUS_M + frame.alt_amsl_m)
+    lean = lean_per_m * float(np.hypot(*(np.abs(middle) + scale)))
+    return GridFrame(
+        float(middle[0]), float(middle[1]), scale, terms, level_up_m, lean_per_m, lean, 0.0, 0.0, 0.0, math.inf, 0.0
+    )
+
+
+def _cubic(xy: FloatArray) -> FloatArray:
+    """(n, 10) terms of :data:`uavcover.kernels.grid.TERMS` at (n, 2) positions."""
+    x, y = xy.T
+    return np.column_stack([np.ones(len(xy)), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3])
+
+
+def finish_frame(grid: GridFrame, up_m: FloatArray) -> GridFrame:
+    """Add the bounds on slopes and pieces over these (rows, columns) nodes."""
+    lowest, highest = float(np.nanmin(up_m)), float(np.nanmax(up_m))
+    axis = grid.scale_m * np.linspace(-1.0, 1.0, 9)
+    lattice = np.array([
+        (grid.east0_m + e, grid.north0_m + n, up) for e in axis for n in axis for up in (lowest, highest)
+    ])  # fmt: skip
+    growths = np.array([growth_on_grid(grid, *place) for place in lattice])
+    columns, rows = growths[:, 0, :2], growths[:, 1, :2]
+    per_column, per_row = (np.hypot(*part.T) for part in (columns, rows))
+    skew = float(np.max(np.abs((columns * rows).sum(axis=1)) / (per_column * per_row))) * PIXELS.safe
+    grid = grid._replace(
+        per_column=float(per_column.max()) * PIXELS.safe,
+        per_row=float(per_row.max()) * PIXELS.safe,
+        skew=min(1.0, skew + 1e-6),
+    )
+    bend = _bend_per_m(grid, lattice, growths) * PIXELS.safe
+    steepest = steepest_of_finite(up_m, grid)
+    piece_m = PIXELS.longest_piece_m
+    if bend * steepest > 0.0:
+        piece_m = min(piece_m, math.sqrt(8.0 * PIXELS.straight_within_m / (bend * steepest)))
+    # A line across the fitted square deviates by its curvature, and the ground by its lean.
+    aside_m = bend * (2.0 * math.sqrt(2.0) * grid.scale_m) ** 2 / 8.0 + grid.lean * (highest - lowest)
+    return grid._replace(piece_m=piece_m, leeway=aside_m * max(grid.per_column, grid.per_row))
+
+
+def _bend_per_m(grid: GridFrame, lattice_m: FloatArray, growths: FloatArray) -> float:
+    """Largest curvature of straight lines on the grid, 1 / metres on the map."""
+    angles = np.arange(12) * math.pi / 12.0
+    level = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(12)])
+    steep = np.vstack([level * (1.0, 1.0, 0.0) * math.sqrt(0.5) + (0.0, 0.0, s * math.sqrt(0.5)) for s in (-1.0, 1.0)])
+    worst = 0.0
+    for direction in np.vstack([level, steep]):
+        half = 0.5 * PIXELS.curve_length_m * direction
+        before, here, after = (places_on_grid(grid, lattice_m + shift) for shift in (-half, np.zeros(3), half))
+        aside = np.linalg.solve(growths[:, :, :2], (here - 0.5 * (before + after))[:, :, None])[:, :, 0]
+        worst = max(worst, float(np.hypot(*aside.T).max()))
+    return 8.0 * worst / PIXELS.curve_length_m**2
+
+
+def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: FloatArray) -> FloatArray:
+    """Up coordinates (rows, columns) of nodes with these heights above sea level.
+
+    On a plumb line, up is linear in height. The remainder is smooth over columns and rows, so polynomials through a few
+    positions suffice; pyproj at each of 30 million nodes would take a minute. By strips, because there may be many.
+    """
+    rows, columns = heights_amsl_m.shape
+    points = chebpts1(2 * PIXELS.up_degree)
+    grid_c, grid_r = np.meshgrid(0.5 * (points + 1.0) * (columns - 1), 0.5 * (points + 1.0) * (rows - 1))
+    lat, lon = from_pixels(np.column_stack([grid_c.ravel(), grid_r.ravel()]))
+    sea = frame.enu_from_geodetic(lat, lon, 0.0)[:, 2]
+    per_metre = (frame.enu_from_geodetic(lat, lon, 1_000.0)[:, 2] - sea) / 1_000.0
+    inverse = np.linalg.pinv(chebvander(points, PIXELS.up_degree))
+    along, across = (chebvander(np.linspace(-1.0, 1.0, size), PIXELS.up_degree) for size in (rows, columns))
+    factor, level = (inverse @ each.reshape(grid_c.shape) @ inverse.T for each in (per_metre, sea))
+    ups = np.empty(heights_amsl_m.shape)
+    step = max(1, PIXELS.strip_nodes // columns)
+    for first in range(0, rows, step):
+        strip = slice(first, first + step)
+        ups[strip] = along[strip] @ factor @ across.T
+        ups[strip] *= heights_amsl_m[strip]
+        ups[strip] += along[strip] @ level @ across.T
+    return ups
+
+
+def nodes_between(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First column and one past the last, and the same of the rows, between west, south, east, north."""
+    west, south, east, north = bounds_m
+    corners = np.array([(e, n, grid.level_up_m) for e in (west, east) for n in (south, north)])
+    box = places_on_grid(grid, corners)
+    first = np.maximum(np.floor(box.min(axis=0) - grid.leeway).astype(int), 0)
+    last = np.minimum(np.ceil(box.max(axis=0) + grid.leeway).astype(int) + 1, up_m.shape[::-1])
+    return (int(first[0]), int(last[0])), (int(first[1]), int(last[1]))
+
+
+def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> FloatArray:
+    """(k, 3) ENU positions of the nodes between west, south, east, north; NaN ups where there is no data."""
+    west, south, east, north = bounds_m
+    columns, rows = (np.arange(*ends) for ends in nodes_between(grid, up_m, bounds_m))
+    wanted = np.array([axis.ravel() for axis in np.meshgrid(columns, rows)], dtype=float).T.reshape(-1, 2)
+    places = places_of_nodes_m(grid, wanted, up_m[rows[:, None], columns].reshape(-1))
+    e, n = places[:, 0], places[:, 1]
+    return places[(e >= west) & (e <= east) & (n >= south) & (n <= north)]
+
+
+def places_of_nodes_m(grid: GridFrame, columns_rows: FloatArray, ups_m: FloatArray) -> FloatArray:
+    """(k, 3) ENU positions of nodes by (k, 2) columns and rows and (k,) up coordinates.
+
+    Where there is no data the up coordinate stays NaN, and east and north are those at the level of the grid.
+    """
+    middle = np.array([grid.east0_m, grid.north0_m])
+    places = np.column_stack([np.tile(middle, (len(columns_rows), 1)), ups_m])
+    places[:, 2] = np.where(np.isfinite(ups_m), ups_m, grid.level_up_m)
+    # Newton's method: columns and rows are nearly linear in east and north.
+    inverse = np.linalg.inv(growth_on_grid(grid, grid.east0_m, grid.north0_m, grid.level_up_m)[:, :2])
+    for _ in range(12):
+        places[:, :2] += (columns_rows - places_on_grid(grid, places)) @ inverse.T
+    places[:, 2] = ups_m
+    return places

@@ -16,7 +16,7 @@ from uavcover.kernels.arrays import ByteArray, FloatArray, read_only
 from uavcover.kernels.grid import GridFrame, square_frame, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
-from uavcover.terrain.pixel_frame import nodes_between, places_of_nodes_m
+from uavcover.terrain.frames import nodes_between, places_of_nodes_m
 from uavcover.terrain.tuning import RELIEF
 
 

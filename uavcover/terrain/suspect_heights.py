@@ -19,8 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.terrain.elevation_file import open_raster
-from uavcover.terrain.frames import LocalFrame
-from uavcover.terrain.pixel_frame import Bounds
+from uavcover.terrain.frames import Bounds, LocalFrame
 from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.terrain.tuning import SUSPECTS
 

@@ -13,13 +13,11 @@ from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import window_in_words
-from uavcover.model.judgement import noted, unproved
 from uavcover.model.limits import FlightLimits
 from uavcover.model.track import Track
-from uavcover.model.verdict import VerificationReport
+from uavcover.model.verdict import VerificationReport, noted, unproved
 from uavcover.run import provenance
-from uavcover.run.documents import verification_document
-from uavcover.run.flight_folders import site_for
+from uavcover.run.documents import site_for, verification_document
 from uavcover.run.folder import PLAN_FILES, VERDICT_FILES, RunFolder, json_text
 from uavcover.run.judged_inputs import (
     JudgedInputs,

@@ -16,9 +16,20 @@ import numpy as np
 from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.active_times import window_of
-from uavcover.model.judgement import Finding, Holds, Judgement, Requirement, fails, noted, unproved
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import LIMIT_OF, Unobserved, VerificationReport, percent_beside
+from uavcover.model.verdict import (
+    LIMIT_OF,
+    Finding,
+    Holds,
+    Judgement,
+    Requirement,
+    Unobserved,
+    VerificationReport,
+    fails,
+    noted,
+    percent_beside,
+    unproved,
+)
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics

@@ -13,8 +13,7 @@ from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import LocalSlopes, local_slopes
-from uavcover.model.judgement import Finding, unproved
-from uavcover.model.verdict import CellStatistics, CoverageMoment
+from uavcover.model.verdict import CellStatistics, CoverageMoment, Finding, unproved
 from uavcover.run.scheduling import Workers, workers_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.block_map import judging_block, row_blocks

@@ -7,9 +7,8 @@ import numpy as np
 from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.judgement import Finding, fails, noted, unproved
 from uavcover.model.track import Track
-from uavcover.model.verdict import LIMIT_OF, PhotoSource, Unobserved, Violation
+from uavcover.model.verdict import LIMIT_OF, Finding, PhotoSource, Unobserved, Violation, fails, noted, unproved
 from uavcover.scenario.site import Site
 from uavcover.verification.attitude import known_attitude
 from uavcover.verification.flown_route import (

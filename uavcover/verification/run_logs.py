@@ -14,8 +14,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import flown_window, window_in_words
 from uavcover.model.track import ReadTrack, Track
 from uavcover.run import provenance
-from uavcover.run.documents import read_plan_document
-from uavcover.run.flight_folders import TRACK, plans_of
+from uavcover.run.documents import TRACK, plans_of, read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track_with_warnings
 from uavcover.scenario.site import Site

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.judgement import Finding, fails, unproved
 from uavcover.model.track import Track
-from uavcover.model.verdict import PairSeparation, Violation
+from uavcover.model.verdict import Finding, PairSeparation, Violation, fails, unproved
 from uavcover.scenario.site import Site
 from uavcover.verification.judged_track import JudgedTrack
 from uavcover.verification.possible_motion import MotionLimits, motion_limits

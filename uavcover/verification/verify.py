@@ -11,9 +11,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
 from uavcover.model.area import svg_map
-from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.track import Track
-from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
+from uavcover.model.verdict import Judgement, PhotoSource, PictureStatistics, VerificationReport, noted, unproved
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.looks import look_distance_m, looks_of

@@ -10,16 +10,6 @@ import pytest
 from pymoo.indicators.hv import HV
 
 from tests.planner.sites import hills, make_site
-from uavcover.extras.benchmarks.coverage.contenders import (
-    CONTENDERS,
-    OURS,
-    PLANNERS,
-    Tried,
-    length_at,
-    plan_for,
-    scan,
-    short_families,
-)
 from uavcover.extras.benchmarks.coverage.judging import (
     CASES,
     CHOICES,
@@ -33,19 +23,35 @@ from uavcover.extras.benchmarks.coverage.judging import (
     moment_document,
     read_moment,
 )
-from uavcover.extras.benchmarks.coverage.results import mean_between, runs_csv, tables_markdown, write_results
+from uavcover.extras.benchmarks.coverage.results import (
+    CoverageOutcome,
+    Outcomes,
+    is_no_worse,
+    mean_between,
+    read_outcomes,
+    runs_csv,
+    tables_markdown,
+    write_results,
+)
 from uavcover.extras.benchmarks.coverage.runs import (
+    CONTENDERS,
     EVALUATIONS,
     ONCE,
+    OURS,
+    PLANNERS,
     CoverageRun,
+    Tried,
     effort_of,
+    length_at,
     make_runs,
+    plan_for,
     run_of_key,
+    scan,
+    short_families,
     wanted_runs,
 )
-from uavcover.extras.benchmarks.coverage.summary import CoverageOutcome, Outcomes, is_no_worse, read_outcomes
 from uavcover.extras.benchmarks.runs import KeptRuns
-from uavcover.missions.corner_checks import corner_excess_m
+from uavcover.missions.leg_checks import corner_excess_m
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import (
     PLAIN_TOLERANCE_M,

@@ -6,7 +6,7 @@ import importlib
 import pytest
 
 
-@pytest.mark.parametrize("module", ["mmf.summary", "rank_tests", "runs"])
+@pytest.mark.parametrize("module", ["mmf.runs", "rank_tests", "runs"])
 def test_examples_in_docstrings(module: str) -> None:
     result = doctest.testmod(importlib.import_module(f"uavcover.extras.benchmarks.{module}"))
     assert result.attempted > 0

@@ -12,17 +12,22 @@ from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
 from uavcover.errors import InputError
 from uavcover.extras.benchmarks.link import runs
-from uavcover.extras.benchmarks.link.peers import Transferred, conditions_of, outcome_of, run_real, run_simulated, serve
-from uavcover.extras.benchmarks.link.runs import OUTCOMES, read_outcomes, run_missing, run_over_udp, trials
-from uavcover.extras.benchmarks.link.trials import (
+from uavcover.extras.benchmarks.link.peers import (
     TransferOutcome,
+    Transferred,
     Trial,
     cells_of,
+    conditions_of,
     csv_lines,
     items_on,
     markdown,
     mission_items,
+    outcome_of,
+    run_real,
+    run_simulated,
+    serve,
 )
+from uavcover.extras.benchmarks.link.runs import OUTCOMES, read_outcomes, run_missing, run_over_udp, trials
 
 UPLOAD = Trial("native", "px4", "upload", 0.0, 0.0, 0)
 

@@ -11,10 +11,19 @@ from pymoo.indicators.hv import HV
 from pymoo.indicators.igd import IGD
 
 from uavcover.errors import InputError, OutputError
-from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
-from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
-from uavcover.extras.benchmarks.mmf.runs import Budget, MmfFolder, RunId, make_runs, missing_runs
-from uavcover.extras.benchmarks.mmf.summary import METRICS, figure, indicators, measured, summary_csv
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, reference_sets
+from uavcover.extras.benchmarks.mmf.runs import (
+    METRICS,
+    Budget,
+    MmfFolder,
+    RunId,
+    figure,
+    indicators,
+    make_runs,
+    measured,
+    missing_runs,
+    summary_csv,
+)
 from uavcover.extras.benchmarks.mmf.tables import (
     FIGURES,
     comparisons_csv,

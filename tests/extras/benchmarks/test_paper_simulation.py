@@ -9,23 +9,22 @@ import numpy as np
 import pytest
 
 from uavcover.errors import InputError, OutputError
-from uavcover.extras.benchmarks.paper.results import (
-    TableRow,
-    by_nodes,
-    by_weights,
-    misfit,
-    read_results,
-    row,
-    tables_markdown,
-    write_results,
-)
-from uavcover.extras.benchmarks.paper.runs import (
+from uavcover.extras.benchmarks.paper import (
     READINGS,
     TABLE_5,
     Figures,
     PaperResult,
+    Scheme,
+    TableRow,
+    by_nodes,
+    by_weights,
     make_runs,
+    misfit,
     paper_runs,
+    read_results,
+    row,
+    tables_markdown,
+    write_results,
 )
 from uavcover.extras.benchmarks.runs import KeptRuns
 from uavcover.sensing.coverage_map import CoverageMap
@@ -51,8 +50,8 @@ def files(folder: KeptRuns) -> list[str]:
 
 
 def result(*front: tuple[float, float, float]) -> PaperResult:
-    figures = tuple(Figures(*values) for values in front)
-    return PaperResult(figures, tuple(np.full((1, 3), k) for k in range(len(front))), 0, 1.0)
+    schemes = (Scheme(Figures(*values), np.full((1, 3), k)) for k, values in enumerate(front))
+    return PaperResult(tuple(schemes), 0, 1.0)
 
 
 class TestReadings:
@@ -110,7 +109,7 @@ class TestRuns:
     def test_the_planners_own_choice_is_the_weighted_one(self, folder: KeptRuns) -> None:
         for found in read_results(folder).values():
             for one in found:
-                assert by_weights([one]).figures == one.front[one.chosen]
+                assert by_weights([one]).figures == one.front[one.chosen].figures
 
     def test_first_runs_first(self) -> None:
         keys = [run.key for run in paper_runs(("planar", "R2-ray"), 2)]

@@ -10,9 +10,8 @@ from pymoo.algorithms.moo.nsga2 import NSGA2
 from pymoo.optimize import minimize
 
 from uavcover.errors import InputError
-from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, reference_sets
 from uavcover.extras.benchmarks.mmf.pymoo_problems import pymoo_problem
-from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.optimizers.indicators import inverted_generational_distance
 from uavcover.optimizers.pymoo.algorithm import UavcoverAlgorithm
 

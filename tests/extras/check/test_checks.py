@@ -33,14 +33,12 @@ from tests.extras.check.worlds import (
     way,
     world,
 )  # fmt: skip
-from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.check import Checked, CheckRequest, check_mission
 from uavcover.extras.check.endurance_checks import flight_time_s
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.return_checks import OwnReturn
-from uavcover.extras.check.world import Limits
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle
+from uavcover.extras.check.world import Aircraft, Limits
+from uavcover.model.limits import NoFly, Obstacle
 
 HIGH = Aircraft(return_height_m=130.0)
 FREE = Limits(max_height_agl_m=None)

@@ -10,9 +10,8 @@ from scripts.attack.faulty_missions import judged, touches
 from tests.extras.check.made_faults import with_fault
 from tests.extras.check.made_missions import KINDS, Case, good_mission, terrains
 from tests.naive.mission_check import Plane, path
-from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Aircraft, World
 from uavcover.terrain.elevation_file import read_ground
 from uavcover.terrain.frames import LocalFrame
 

@@ -3,10 +3,10 @@ import pytest
 
 from mission_io.model.items import Command, Frame, MissionItem
 from tests.extras.check.worlds import COPTER, PLANE, command, home, item, mission, up, way, world
-from uavcover.extras.check.aircraft import Aircraft, default_aircraft, return_height_m
 from uavcover.extras.check.findings import FlownPath
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.item_values import order_of
+from uavcover.extras.check.item_checks import order_of
+from uavcover.extras.check.world import Aircraft, default_aircraft, return_height_m
 
 PX4 = Aircraft(autopilot="px4", return_height_m=60.0)
 

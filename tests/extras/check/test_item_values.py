@@ -8,9 +8,9 @@ import pytest
 from mission_io.model.items import Command, Frame, MissionItem
 from tests.extras.check.test_checks import HIGH, OVER, checked
 from tests.extras.check.worlds import COPTER, HOME_M, LAT, LON, PLANE, command, home, item, mission, up, way, world
-from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.item_values import impossible_numbers, value_findings
+from uavcover.extras.check.item_checks import impossible_numbers, value_findings
+from uavcover.extras.check.world import Aircraft
 
 PX4 = Aircraft(autopilot="px4", return_height_m=130.0)
 TURNS = Command.NAV_LOITER_TURNS

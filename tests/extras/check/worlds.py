@@ -3,8 +3,7 @@
 import numpy as np
 
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
-from uavcover.extras.check.aircraft import Aircraft
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Aircraft, World
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground, grid_ground
 

@@ -19,7 +19,7 @@ from uavcover.extras.exports.command import dji_aircraft_named
 from uavcover.extras.exports.export import ExportRequest, FlightFile, export_mission, flight_files, write_exported
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.model.scenario import Origin
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 from uavcover.model.vehicle import AutopilotName

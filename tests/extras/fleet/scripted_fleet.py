@@ -14,10 +14,9 @@ from tests.extras.fleet.lockstep import Lockstep
 from tests.extras.fleet.test_fleet import Listener
 from tests.extras.fleet.test_fleet_traffic import out_and_back
 from uavcover.extras.fleet.board import Board, VehicleUser
-from uavcover.extras.fleet.clock import FleetClock
 from uavcover.extras.fleet.flight import FleetFlight, FleetOrders
 from uavcover.extras.fleet.jobs import Job, OnLoss
-from uavcover.extras.fleet.sortie import FlownSortie
+from uavcover.extras.fleet.sortie import FleetClock, FlownSortie
 from uavcover.flight.command import FlightOptions
 from uavcover.flight.connect import Connected, VehicleLink
 from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome

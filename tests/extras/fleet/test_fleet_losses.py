@@ -27,7 +27,7 @@ def rest_is_half(monkeypatch: pytest.MonkeyPatch) -> None:
         route = Route(flown.route.waypoints_m[len(flown.route) // 2 :])
         return replace(flown, name=f"{flown.name}+", route=route, timeline=timeline, is_rest=True)
 
-    monkeypatch.setattr("uavcover.extras.fleet.work.rest_of", rest_of)
+    monkeypatch.setattr("uavcover.extras.fleet.sortie.rest_of", rest_of)
 
 
 def jobs_of(folder: Path) -> list[Job]:
@@ -124,7 +124,7 @@ def test_the_only_vehicle_flies_its_own_rests(tmp_path: Path) -> None:
 
 
 def test_a_battery_that_brings_nothing_on_is_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uavcover.extras.fleet.work.rest_of", lambda flown, *_: replace(flown, name=f"{flown.name}+"))
+    monkeypatch.setattr("uavcover.extras.fleet.sortie.rest_of", lambda flown, *_: replace(flown, name=f"{flown.name}+"))
     told = fly_script([job(tmp_path, 1, 1, 0.0)], {"001": EARLY, "001+": EARLY, "001++": EARLY})
     assert told.flight.work.left == ["001"]
     assert any("remains unflown, as a gap: one battery is enough only for the transits" in line for line in told.lines)

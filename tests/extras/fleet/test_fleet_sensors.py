@@ -21,11 +21,11 @@ from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.planner.command import plan_into
 from uavcover.planner.fleet_parts import first_paces, part_sites
-from uavcover.run.flight_folders import read_planned, site_for
+from uavcover.run.documents import read_planned, site_for
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import groups_of, vehicle_sites
+from uavcover.scenario.vehicles import groups_of, vehicle_sites
 from uavcover.sensing.site_maps import fleet_map, judging_map, map_for
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses

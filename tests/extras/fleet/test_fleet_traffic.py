@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from uavcover.errors import InfeasibleError
-from uavcover.extras.fleet.position import FleetPhase
-from uavcover.extras.fleet.traffic import Traffic
-from uavcover.missions.timeline import Timeline
+from uavcover.extras.fleet.traffic import FleetPhase, Traffic
+from uavcover.missions.fleet_schedule import Timeline
 from uavcover.model.vehicle import Fleet
 
 FLEET = Fleet(vehicles=3, separation_m=20.0, path_error_m=2.0, timing_error_fraction=0.0, start_error_s=1.0, pad_s=10.0)

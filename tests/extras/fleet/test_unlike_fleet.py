@@ -18,9 +18,8 @@ from tests.extras.fleet.test_fleet import Listener
 from tests.extras.fleet.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights, plan_for
 from uavcover.errors import InfeasibleError, InputError, ScenarioError
 from uavcover.extras.exports.export import ExportRequest, export_mission
-from uavcover.extras.fleet.command import FleetFailedError
+from uavcover.extras.fleet.command import FleetFailedError, first_sorties
 from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
-from uavcover.extras.fleet.upload import first_sorties
 from uavcover.flight.connect import home_of
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_files import compile_plan
@@ -28,17 +27,16 @@ from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.limits import Home
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import Home, NoFly
 from uavcover.model.route import Route
 from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.sortie_order.reorder import _done_s
 from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import vehicle_sites
 from uavcover.verification.command import verify_run
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses

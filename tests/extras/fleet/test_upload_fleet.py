@@ -13,8 +13,8 @@ import pytest
 
 from tests.extras.fleet.test_fleet import Listener
 from uavcover.errors import InputError, VehicleError
-from uavcover.extras.fleet import upload as module
-from uavcover.extras.fleet.upload import first_sorties, upload_fleet
+from uavcover.extras.fleet import command as module
+from uavcover.extras.fleet.command import first_sorties, upload_fleet
 from uavcover.flight.connect import Connected, VehicleLink, connect
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import judge

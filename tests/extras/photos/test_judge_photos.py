@@ -14,7 +14,7 @@ from uavcover.extras.photos.photo_verdict import photo_raster, picture_table
 from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import PictureSet
-from uavcover.model.judgement import combined
+from uavcover.model.verdict import combined
 from uavcover.new.command import new_scenario
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon

@@ -1,4 +1,6 @@
-"""From what pictures tell to places and directions, and what is said of those that have none."""
+"""Photos in place, and doubts about them."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,8 +8,9 @@ import pytest
 from uavcover.errors import TerrainError, TrackError
 from uavcover.extras.photos import placing
 from uavcover.extras.photos.picture import HeightDatum, Picture
-from uavcover.extras.photos.placing import Assumptions, courses_deg, place_pictures
+from uavcover.extras.photos.placing import Assumptions, courses_deg, height_doubts, missing_stretches, place_pictures
 from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import grid_ground
 
 FRAME = LocalFrame(46.0, 8.0, 1000.0)
 
@@ -122,3 +125,132 @@ def test_a_pitch_counts_with_the_vehicles_heading():
     told = {"pitch_deg": -80.0, "yaw_deg": None}
     alone = place_pictures([picture("a", **told), picture("b", **told, lon_deg=8.001)], FRAME, Assumptions())
     np.testing.assert_allclose(alone.axes[0], [0.0, 0.0, -1.0], atol=1e-12)
+
+
+def doubts(pictures, *, takeoff_m=None, ground_m=0.0, slope=0.0, home_en_m=None):
+    """Of pictures over level or sloping ground, which is ``ground_m`` above the frame's origin at 1000 m."""
+    east = np.arange(-1500.0, 1501.0, 50.0)
+    up = np.tile(ground_m + slope * east, (east.size, 1))
+    ground = grid_ground(up, east0_m=-1500.0, north0_m=-1500.0, step_m=50.0, source="test", vertical_datum="local")
+    placed = place_pictures(pictures, FRAME, Assumptions(takeoff_alt_amsl_m=takeoff_m, geoid_height_m=48.0))
+    return height_doubts(placed, FRAME, ground, by_takeoff=takeoff_m is not None, error_m=10.0, home_en_m=home_en_m)
+
+
+def line(*, off_m=0.0, drift_m=0.0, **told):
+    """Twenty pictures along a line 80 m above level ground at 1000 m, with heights by satellites that are off."""
+    shares = np.linspace(0.0, 1.0, 20)
+    return [
+        picture(
+            f"p{k}", lat_deg=46.0 + 0.0005 * share, height_above_takeoff_m=80.0 + (-1.0) ** k,
+            **{"alt_m": 1080.0 + off_m + drift_m * share, **told},
+        )
+        for k, share in enumerate(shares)
+    ]  # fmt: skip
+
+
+def test_heights_that_fit_are_not_doubted():
+    assert doubts(line()) == []
+    assert doubts(line(off_m=8.0)) == []
+    assert doubts(line(), takeoff_m=1000.0) == []
+
+
+@pytest.mark.parametrize(("off_m", "words"), [(60.0, "at least 60 m too high"), (-40.0, "at least 40 m too low")])
+def test_a_constant_error_is_told_with_its_size(off_m, words):
+    told = doubts(line(off_m=off_m))
+    assert len(told) == 1
+    assert words in told[0]
+    assert f"put the take-off at {1000 + off_m:.0f} m" in told[0]
+    assert "--takeoff" in told[0]
+
+
+def test_on_a_slope_only_what_no_ground_near_explains_is_told():
+    # Within 500 m the ground rises to 1150 m: the take-off may have been there.
+    assert doubts(line(off_m=100.0), slope=0.3) == []
+    assert "m too high" in doubts(line(off_m=180.0), slope=0.3)[0]
+
+
+def test_a_planned_home_is_where_the_ground_counts():
+    home_en_m = np.array([100.0, 0.0])  # on the slope, at 1030 m
+    assert doubts(line(off_m=30.0), slope=0.3, home_en_m=home_en_m) == []
+    (told,) = doubts(line(off_m=100.0), slope=0.3, home_en_m=home_en_m)
+    assert "put the take-off 70 m above the ground at the scenario's home" in told
+    # Outside the elevation data the ground around counts, as without a plan.
+    assert doubts(line(off_m=100.0), slope=0.3, home_en_m=np.array([9e3, 0.0])) == []
+
+
+def test_with_the_place_of_take_off_the_error_is_known():
+    told = doubts(line(off_m=-25.0), takeoff_m=1000.0)
+    assert len(told) == 1
+    assert "put the take-off 25 m below the ground at --takeoff" in told[0]
+
+
+def test_heights_above_the_ellipsoid_are_brought_to_sea_level_first():
+    assert doubts(line(off_m=48.0, datum=HeightDatum.ELLIPSOID)) == []
+    assert "at least 48 m too low" in doubts(line(datum=HeightDatum.ELLIPSOID))[0]
+    # Beside --takeoff they are not compared: the geoid may not be known.
+    assert doubts(line(off_m=48.0, datum=HeightDatum.ELLIPSOID), takeoff_m=1000.0) == []
+
+
+def test_heights_that_drift_are_told_and_several_take_offs_are_named():
+    told = doubts(line(drift_m=30.0))
+    assert len(told) == 1
+    assert "drift apart by 2" in told[0]
+    assert "several flights" in told[0]
+
+
+def test_one_height_alone_tells_nothing_of_the_other():
+    assert doubts([picture(f"p{k}", lat_deg=46.0 + 1e-4 * k, alt_m=1200.0) for k in range(9)]) == []
+    assert doubts(line(off_m=60.0)[:2]) == []
+
+
+def test_pictures_under_the_ground_are_told():
+    assert "20 of 20 photos are below ground" in doubts(line(), ground_m=90.0)[0]
+
+
+def survey(rng, *, by, lines=5, a_line=15, names=True, times=True):
+    """A survey of lines 60 m apart with a photo every 20 m: triggered by distance, or every 2 s, also while it turns slowly."""
+    places, seconds, now = [], [], 0.0
+    for number in range(lines):
+        along = 20.0 * np.arange(a_line)[:: 1 if number % 2 == 0 else -1]
+        turn = np.linspace(0.0, 60.0, 7)[1:-1] if by == "time" and number < lines - 1 else []
+        for east, north in [*((x, 60.0 * number) for x in along), *((along[-1], 60.0 * number + y) for y in turn)]:
+            places.append(rng.normal((east, north), 0.5))
+            seconds.append(round(now))
+            now += 2.0
+        now += 0.0 if by == "time" else 12.0
+    return [
+        picture(
+            f"IMG_{k:04d}.JPG" if names else f"{chr(65 + k // 26)}{chr(65 + k % 26)}", lat_deg=46.0 + place[1] / 111_195.0,
+            lon_deg=8.0 + place[0] / (111_195.0 * np.cos(np.radians(46.0))), alt_m=80.0, vehicle_yaw_deg=90.0,
+            time_s=float(seconds[k]) if times else None, clock="clock" if times else None,
+        )
+        for k, place in enumerate(places)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("by", ["distance", "time"])
+@pytest.mark.parametrize(("names", "times"), [(True, True), (False, True), (True, False)])
+def test_missing_photos_are_found_and_none_where_all_are_there(seed, by, names, times):
+    rng = np.random.default_rng(seed)
+    whole = survey(rng, by=by, names=names, times=times)
+    assert missing_stretches(place_pictures(whole, FRAME, Assumptions())) == []
+    per_line = 15 if by == "distance" else 20
+    firsts = {line: line * per_line + int(rng.integers(3, 9)) for line in (0, 2, 3)}
+    gone = {first + k for line, first in firsts.items() for k in range(line + 1)}
+    left = [one for k, one in enumerate(whole) if k not in gone]
+    found = missing_stretches(place_pictures(left, FRAME, Assumptions()))
+    assert [stretch.photos for stretch in found] == [1, 3, 4]
+    assert [stretch.length_m for stretch in found] == pytest.approx([40.0, 80.0, 100.0], abs=5.0)
+    assert found[0].usual_m == pytest.approx(20.0, abs=1.5)
+
+
+def test_a_change_of_batteries_or_of_spacing_lacks_no_photo():
+    whole = survey(np.random.default_rng(0), by="distance")
+    later = [replace(one, time_s=one.time_s + 900.0) for one in whole[20:]]
+    moved = [replace(one, lat_deg=one.lat_deg + 0.002) for one in later]
+    assert missing_stretches(place_pictures([*whole[:20], *later], FRAME, Assumptions())) == []
+    assert missing_stretches(place_pictures([*whole[:20], *moved], FRAME, Assumptions())) == []
+    sparse = survey(np.random.default_rng(1), by="distance")[::2]
+    renamed = [replace(one, name=f"B{k:03d}.JPG", time_s=one.time_s + 2000.0) for k, one in enumerate(sparse)]
+    assert missing_stretches(place_pictures([*whole, *renamed], FRAME, Assumptions())) == []

@@ -10,10 +10,9 @@ import pytest
 from tests.extras.photos.camera_files import XMP, dji, write_jpeg
 from tests.naive.pictures import _rotation as rotation
 from uavcover.errors import TrackError
-from uavcover.extras.photos.exif import read_picture
 from uavcover.extras.photos.photo_verdict import clocks_of
 from uavcover.extras.photos.picture import HeightDatum, Picture, finite
-from uavcover.extras.photos.readers import read_pictures
+from uavcover.extras.photos.readers import read_picture, read_pictures
 from uavcover.sensing.pictures import camera_axes
 
 PLACE = (-36.47625431, -84.21604127)

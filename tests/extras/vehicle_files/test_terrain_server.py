@@ -66,7 +66,7 @@ def test_a_run_answers_by_itself(planned: Path, cli: Cli) -> None:
     from mission_io.protocol.terrain import place_in_block, places_of_block
     from uavcover.flight.connect import connect, home_of
     from uavcover.flight.vehicle_terrain import heights_of_site
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
 
     site, _ = read_planned(RunFolder(planned))

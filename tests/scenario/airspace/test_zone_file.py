@@ -8,7 +8,7 @@ import shapely
 
 from mission_io.errors import FormatError
 from uavcover.errors import InputError
-from uavcover.model.no_fly import NoFly
+from uavcover.model.limits import NoFly
 from uavcover.scenario.airspace.zone_file import _of_text, read_zones
 
 RING = [[8.0, 46.5], [8.02, 46.5], [8.02, 46.52], [8.0, 46.52], [8.0, 46.5]]

@@ -11,7 +11,7 @@ import shapely
 from tests.scenario.areas import written
 from tests.scenario.scenario_texts import survey_text
 from uavcover.errors import InputError, ScenarioError
-from uavcover.scenario.areas import gis_file
+from uavcover.scenario.areas import features
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.scenario_file import parse_scenario
 
@@ -181,11 +181,11 @@ GOOD_KML = kml("8,46.5 8.02,46.5 8.02,46.52 8,46.5")
         ([("inner.kmz", "x")], "the archive contains another archive (inner.kmz)"),
         ([("a.kml", GOOD_KML), ("b.kml", GOOD_KML)], "has 2 documents and no doc.kml"),
         (
-            [("doc.kml", GOOD_KML), *((f"{n}.png", "") for n in range(gis_file.MAX_ENTRIES))],
+            [("doc.kml", GOOD_KML), *((f"{n}.png", "") for n in range(features.MAX_ENTRIES))],
             "a.kmz: the archive has 2001 entries",
         ),
-        ([("doc.kml", " " * (gis_file.MAX_KML_BYTES + 1))], "unpacks to"),
-        ([("doc.kml", " " * (gis_file.MAX_KML_BYTES // 8))], "times its packed size"),
+        ([("doc.kml", " " * (features.MAX_KML_BYTES + 1))], "unpacks to"),
+        ([("doc.kml", " " * (features.MAX_KML_BYTES // 8))], "times its packed size"),
     ],
     ids=["no KML", "nested", "two documents", "many entries", "large", "a bomb"],
 )
@@ -205,8 +205,8 @@ def test_a_kmz_that_is_no_zip_and_one_that_was_cut(tmp_path):
 
 
 def test_a_size_in_the_directory_that_lies_fills_no_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(gis_file, "MAX_KML_BYTES", 1000)
-    monkeypatch.setattr(gis_file, "MAX_RATIO", 1e9)
+    monkeypatch.setattr(features, "MAX_KML_BYTES", 1000)
+    monkeypatch.setattr(features, "MAX_RATIO", 1e9)
     zipped(tmp_path / "a.kmz", [("doc.kml", "x" * 5000)])
     data = (tmp_path / "a.kmz").read_bytes()
     (tmp_path / "a.kmz").write_bytes(data.replace((5000).to_bytes(4, "little"), (900).to_bytes(4, "little")))

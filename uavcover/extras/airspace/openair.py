@@ -14,7 +14,7 @@ from pyproj import Geod
 
 from mission_io.errors import FormatError
 from mission_io.model.plain_text import counted
-from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones, ZoneReader, height_key, shown
+from uavcover.scenario.airspace.zone_file import ReadZone, ReadZones, ZoneReader, height_key, shown
 
 OPEN_TO_ALL = frozenset({"E", "F", "G"})
 """Classes of airspace without clearance."""

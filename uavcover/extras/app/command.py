@@ -19,6 +19,7 @@ from urllib.parse import parse_qs
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
@@ -35,7 +36,7 @@ def edit(
             help="JSON file with a list of [longitude, latitude, height above ground in m], in flying order."
         ),
     ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the results (the run folder).", metavar="RUN")],
+    out: Annotated[Path, option("-o", "--out", "Folder for the results (the run folder).", "RUN")],
     *,
     autopilot: options.Autopilot = None,
     force: options.ForcePlan = False,
@@ -53,10 +54,10 @@ def edit(
     from uavcover.model.route import Plan, Route
     from uavcover.model.vehicle import autopilot_name
     from uavcover.planner.plan_files import save_plan
-    from uavcover.run.flight_folders import read_planned
+    from uavcover.run.documents import read_planned
     from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
     from uavcover.run.user import to_paste
-    from uavcover.scenario.vehicle_areas import groups_of
+    from uavcover.scenario.vehicles import groups_of
 
     console = output.console()
     began_s = time.monotonic()
@@ -227,16 +228,16 @@ def serve(
         ),
     ] = None,
     *,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on. 0 selects a free port.")] = 8800,
+    port: Annotated[int, option("Port to listen on. 0 selects a free port.", min=0, max=65535)] = 8800,
     host: Annotated[
         str,
-        typer.Option(
-            help="Address to listen on. With an address other than 127.0.0.1, other computers that have the token can connect."
+        option(
+            "Address to listen on. With an address other than 127.0.0.1, other computers that have the token can connect."
         ),
     ] = "127.0.0.1",
-    browser: Annotated[bool, typer.Option(help="Open the page in the default browser.")] = True,
+    browser: Annotated[bool, option("Open the page in the default browser.")] = True,
     allow_flight: Annotated[
-        bool, typer.Option("--allow-flight", help="Allow the page to arm real vehicles after a typed confirmation.")
+        bool, option("--allow-flight", "Allow the page to arm real vehicles after a typed confirmation.")
     ] = False,
     output: options.Output,
 ) -> int:

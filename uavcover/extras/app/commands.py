@@ -14,7 +14,7 @@ from starlette.responses import JSONResponse, Response
 
 from uavcover.errors import InputError
 from uavcover.extras.app.workspace import OWN_FOLDER, PHOTOS, Workspace, free_name
-from uavcover.model.terrain import RasterTerrain
+from uavcover.model.area import RasterTerrain
 from uavcover.report.cell_layers import REASON_WORDS
 from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
 

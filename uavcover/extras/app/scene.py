@@ -15,24 +15,18 @@ import shapely
 
 from uavcover.errors import InputError, UavcoverError
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.missions.failsafe_states import IN_PLACE
+from uavcover.missions.failsafes import IN_PLACE
 from uavcover.missions.leg_checks import LegProblem, find_problems, find_waypoint_problems
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.return_advice import flight_states
+from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Route
-from uavcover.model.terrain import RasterTerrain
 from uavcover.planner.pareto_file import ParetoRow
-from uavcover.report.cell_layers import (
-    SEEN_RGB,
-    UNSEEN_RGB,
-    cell_layers,
-    cells_bounds_m,
-    classes_image,
-)
+from uavcover.report.cell_layers import SEEN_RGB, UNSEEN_RGB, cell_layers, cells_bounds_m, classes_image
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import gap_data, rings_of, zone_data
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, area_as_drawn, load_site
@@ -45,6 +39,7 @@ _DEGREE_M = 111_319.49
 """Length of a degree on the equator, WGS 84: for scenarios without a position on Earth."""
 _DRAWN_SAMPLES = 4000
 _PROFILE_EVERY_M = 5.0
+_PLAN_KEYS = ("metrics", "select", "rule_met", "mission", "interrupted", "made_by", "sorties", "fleet", "bounds")
 
 
 @dataclass(slots=True, eq=False)
@@ -208,7 +203,6 @@ def _run_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
     sorties = content.sorties_m or (content.planned.route.waypoints_m,)
     layers = [asdict(layer) for layer in cell_layers(content)]
     own_rally = {"rally": [[p.lon_deg, p.lat_deg] for p in compiled[0].rally.points[1:]]} if compiled else {}
-    metrics = content.plan
     return {
         "route": scene.waypoints(content.planned.route.waypoints_m),
         "sorties": [scene.lon_lat(route_m).tolist() for route_m in sorties],
@@ -224,20 +218,7 @@ def _run_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
         "corners": scene.corners(),
         "photos": _photos(scene, content),
         "members": [_member(row) for row in content.members],
-        "plan": {
-            name: metrics.get(name)
-            for name in (
-                "metrics",
-                "select",
-                "rule_met",
-                "mission",
-                "interrupted",
-                "made_by",
-                "sorties",
-                "fleet",
-                "bounds",
-            )
-        },
+        "plan": {name: content.plan.get(name) for name in _PLAN_KEYS},
         "uploads": _uploads(scene),
         "tracks": [
             _track(scene, flight.enu_m, flight.height_agl_m, flight.clock_s, flight.name) for flight in content.flights

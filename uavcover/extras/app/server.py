@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +68,10 @@ class Server:
             HttpRoute("/api/heights", _json(self._heights_of)),
             HttpRoute("/api/photos", _json(self._photos)),
             HttpRoute("/api/place", _json(_place)),
-            HttpRoute("/api/design", _json(self._design), methods=["POST"]),
-            HttpRoute("/api/scenarios", _json(self._write), methods=["POST"]),
-            HttpRoute("/api/route/check", _json(self._check), methods=["POST"]),
-            HttpRoute("/api/route/coverage", _json(self._coverage), methods=["POST"]),
+            HttpRoute("/api/design", _json(partial(survey.designed, self.workspace)), methods=["POST"]),
+            HttpRoute("/api/scenarios", _json(partial(survey.written, self.workspace)), methods=["POST"]),
+            HttpRoute("/api/route/check", _json(partial(self._edited, route_check)), methods=["POST"]),
+            HttpRoute("/api/route/coverage", _json(partial(self._edited, route_coverage)), methods=["POST"]),
             HttpRoute("/api/route/save", _json(self._save_route), methods=["POST"]),
             HttpRoute("/api/jobs", _json(self._start), methods=["POST"]),
             HttpRoute("/api/jobs/{id}", _json(self._job)),
@@ -100,26 +101,20 @@ class Server:
             "files": self.workspace.listing(), "jobs": jobs, **survey.choices(),
         }  # fmt: skip
 
+    def _scene_of(self, asked: dict[str, Any], key: str = "name") -> Scene:
+        return self.scenes.of(self.workspace.path(text_in(asked, key)))
+
     def _scene(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return scene_document(self.scenes.of(self.workspace.path(text_in(asked, "name"))))
+        return scene_document(self._scene_of(asked))
 
     def _contours(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return {"lines": tiles.contours(self.scenes.of(self.workspace.path(text_in(asked, "name"))))}
+        return {"lines": tiles.contours(self._scene_of(asked))}
 
     def _area(self, asked: dict[str, Any]) -> dict[str, Any]:
         return survey.area_document(self.workspace, text_in(asked, "name"))
 
-    def _design(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return survey.designed(self.workspace, asked)
-
-    def _write(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return survey.written(self.workspace, asked)
-
-    def _check(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return route_check(self.scenes.of(self.workspace.path(text_in(asked, "run"))), asked.get("waypoints") or [])
-
-    def _coverage(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return route_coverage(self.scenes.of(self.workspace.path(text_in(asked, "run"))), asked.get("waypoints") or [])
+    def _edited(self, look: Callable[[Scene, Any], dict[str, Any]], asked: dict[str, Any]) -> dict[str, Any]:
+        return look(self._scene_of(asked, "run"), asked.get("waypoints") or [])
 
     def _save_route(self, asked: dict[str, Any]) -> dict[str, Any]:
         """Keep the waypoints in a file, and let ``uavcover edit`` check and write the plan."""
@@ -180,7 +175,7 @@ class Server:
         """The elevation file of a query, or the scene where its ground is made from a formula."""
         if name := asked.get("dem"):
             return TerrainSource((self.workspace.path(name),))
-        scene = self.scenes.of(self.workspace.path(text_in(asked, "name")))
+        scene = self._scene_of(asked)
         return scene.terrain or scene
 
     def _heights_of(self, asked: dict[str, Any]) -> dict[str, Any]:

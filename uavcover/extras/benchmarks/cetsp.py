@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from uavcover.errors import InputError
-from uavcover.extras.benchmarks.flat_sites import (
+from uavcover.extras.benchmarks.areas import (
     CRS,
     HEIGHT_M,
     LAT_DEG,

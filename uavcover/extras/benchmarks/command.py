@@ -10,7 +10,7 @@ import typer
 
 from uavcover.cli import options
 from uavcover.cli.ending import ending_well
-from uavcover.cli.options import Overview, one_by_one
+from uavcover.cli.options import Overview, one_by_one, option
 from uavcover.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,30 +23,22 @@ bench = typer.Typer(
     rich_markup_mode=None,
 )
 
-ResultsFolder = Annotated[
-    Path | None, typer.Option("-o", "--out", help="Folder for the results. Existing runs are kept.", metavar="DIR")
-]
-Processes = Annotated[
-    int | None, typer.Option(help="Number of parallel runs; default: one per core.", min=1, metavar="N")
-]
+ResultsFolder = Annotated[Path | None, option("-o", "--out", "Folder for the results. Existing runs are kept.", "DIR")]
+Processes = Annotated[int | None, option("Number of parallel runs; default: one per core.", "N", min=1)]
 
 
 @dataclass(frozen=True, slots=True)
 class SeedsAndTimes:
     """Number and duration of runs for each planner."""
 
-    seeds: Annotated[int, typer.Option(help="Number of runs for each planner. Seeds start at 1.", min=1)] = 10
-    seeds_long: Annotated[
-        int, typer.Option(help="Number of runs for time budgets above 100 s.", min=1, metavar="N")
-    ] = 3
-    times: Annotated[str, typer.Option("--time", help="Time budgets, in seconds of processor time.", metavar="S,T")] = (
-        "10,60,300"
-    )
+    seeds: Annotated[int, option("Number of runs for each planner. Seeds start at 1.", min=1)] = 10
+    seeds_long: Annotated[int, option("Number of runs for time budgets above 100 s.", "N", min=1)] = 3
+    times: Annotated[str, option("--time", "Time budgets, in seconds of processor time.", "S,T")] = "10,60,300"
     equal_evaluations: Annotated[
         bool,
-        typer.Option(
+        option(
             "--equal-evaluations/--no-equal-evaluations",
-            help="Also run without a time limit, with the number of evaluations that each scenario sets.",
+            "Also run without a time limit, with the number of evaluations that each scenario sets.",
         ),
     ] = True
 
@@ -54,16 +46,16 @@ class SeedsAndTimes:
 def bench_coverage(
     *,
     scenarios: Annotated[
-        str | None, typer.Option(help="Scenarios to run, such as paper-r1,jacksboro; default: all.", metavar="A,B")
+        str | None, option("Scenarios to run, such as paper-r1,jacksboro; default: all.", "A,B")
     ] = None,
     algorithms: Annotated[
-        str | None, typer.Option(help="Algorithms to compare, such as memetic,nsga2; default: all.", metavar="X,Y")
+        str | None, option("Algorithms to compare, such as memetic,nsga2; default: all.", "X,Y")
     ] = None,
     each: SeedsAndTimes,
     out: ResultsFolder = None,
     processes: Processes = None,
     scheduler: options.Scheduler = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the available names and exit.")] = False,
+    list_names: Annotated[bool, option("--list", "Print the available names and exit.")] = False,
     output: options.Output,
 ) -> int:
     """Compare the planner with baselines and other optimizers, at equal processor time and at equal evaluations.
@@ -71,10 +63,9 @@ def bench_coverage(
     You can stop the benchmark at any time and repeat the command to continue. The most informative runs come first. A
     run with a long budget also provides the results of shorter budgets. Results: table.md, runs.csv and coverage.png.
     """
-    from uavcover.extras.benchmarks.coverage.contenders import CONTENDERS
     from uavcover.extras.benchmarks.coverage.judging import CASES
     from uavcover.extras.benchmarks.coverage.results import write_results
-    from uavcover.extras.benchmarks.coverage.runs import make_runs, wanted_runs
+    from uavcover.extras.benchmarks.coverage.runs import CONTENDERS, make_runs, wanted_runs
     from uavcover.extras.benchmarks.runs import KeptRuns
 
     console = output.console()
@@ -167,19 +158,13 @@ def _command(scenarios: str | None, algorithms: str | None, each: SeedsAndTimes)
 
 def bench_link(
     *,
-    clients: Annotated[
-        str | None, typer.Option(help="Clients to compare: simulated,native,mavsdk; default: all.", metavar="A,B")
-    ] = None,
+    clients: Annotated[str | None, option("Clients to compare: simulated,native,mavsdk; default: all.", "A,B")] = None,
     losses: Annotated[
-        str, typer.Option(help="Fractions of datagrams to lose in each direction.", metavar="X,Y")
+        str, option("Fractions of datagrams to lose in each direction.", "X,Y")
     ] = "0,0.05,0.1,0.2,0.3,0.4",
-    delay_ms: Annotated[float, typer.Option("--delay", help="Delay of each datagram, in milliseconds.", min=0.0)] = 1.0,
-    seeds: Annotated[
-        int, typer.Option(help="Number of runs for each client and loss fraction. Seeds start at 0.", min=1)
-    ] = 50,
-    at_a_time: Annotated[
-        int, typer.Option(help="Number of simultaneous UDP transfers in runs with losses.", min=1)
-    ] = 16,
+    delay_ms: Annotated[float, option("--delay", "Delay of each datagram, in milliseconds.", min=0.0)] = 1.0,
+    seeds: Annotated[int, option("Number of runs for each client and loss fraction. Seeds start at 0.", min=1)] = 50,
+    at_a_time: Annotated[int, option("Number of simultaneous UDP transfers in runs with losses.", min=1)] = 16,
     out: ResultsFolder = None,
     output: options.Output,
 ) -> int:
@@ -189,8 +174,8 @@ def bench_link(
     mission_io over UDP and MAVSDK over UDP. You can stop the benchmark at any time and repeat the command to continue.
     Results: outcomes.csv with every transfer, link.csv and link.md.
     """
+    from uavcover.extras.benchmarks.link.peers import CLIENTS, cells_of, csv_lines, markdown
     from uavcover.extras.benchmarks.link.runs import read_outcomes, run_missing, trials
-    from uavcover.extras.benchmarks.link.trials import CLIENTS, cells_of, csv_lines, markdown
     from uavcover.run.folder import write_text
 
     console = output.console()
@@ -222,15 +207,12 @@ def bench_link(
 def bench_areas(
     data: Annotated[Path, typer.Argument(help="The folder AC300 of the AreaCoverage dataset.", metavar="DATA")],
     *,
-    names: Annotated[
-        str | None, typer.Option(help="Areas to plan, such as AC1_0000,AC15_0019; default: all.", metavar="A,B")
-    ] = None,
+    names: Annotated[str | None, option("Areas to plan, such as AC1_0000,AC15_0019; default: all.", "A,B")] = None,
     budget_s: Annotated[
-        float, typer.Option("--budget", help="Search time per area, in seconds of processor time.", min=1.0)
+        float, option("--budget", "Search time per area, in seconds of processor time.", min=1.0)
     ] = 40.0,
     capacity_s: Annotated[
-        float | None,
-        typer.Option("--capacity", help="Longest flight, in seconds: 1200 as published; default: no limit.", min=1.0),
+        float | None, option("--capacity", "Longest flight, in seconds: 1200 as published; default: no limit.", min=1.0)
     ] = None,
     out: ResultsFolder = None,
     processes: Processes = None,
@@ -263,11 +245,9 @@ def bench_cetsp(
         typer.Argument(help="Folder with copies of d-krupke/close-enough-tsp and leizy1008/MA-CETSP.", metavar="DATA"),
     ],
     *,
-    names: Annotated[
-        str | None, typer.Option(help="Instances to plan, such as bubbles1,d493_or2; default: all.", metavar="A,B")
-    ] = None,
+    names: Annotated[str | None, option("Instances to plan, such as bubbles1,d493_or2; default: all.", "A,B")] = None,
     budget_s: Annotated[
-        float, typer.Option("--budget", help="Search time per instance, in seconds of processor time.", min=1.0)
+        float, option("--budget", "Search time per instance, in seconds of processor time.", min=1.0)
     ] = 60.0,
     out: ResultsFolder = None,
     processes: Processes = None,
@@ -318,31 +298,27 @@ def _compare(
 class RunSize:
     """Size of each run and of its result."""
 
-    population: Annotated[int, typer.Option(help="Number of candidates per iteration.", min=1)] = 200
-    iterations: Annotated[int, typer.Option(help="Number of iterations per run.", min=1)] = 500
-    archive: Annotated[int, typer.Option(help="Maximum number of solutions that a run returns.", min=1)] = 200
+    population: Annotated[int, option("Number of candidates per iteration.", min=1)] = 200
+    iterations: Annotated[int, option("Number of iterations per run.", min=1)] = 500
+    archive: Annotated[int, option("Maximum number of solutions that a run returns.", min=1)] = 200
 
 
 def bench_mmf(
     *,
-    functions: Annotated[
-        str | None, typer.Option(help="Functions to run, such as MMF1,MMF14_a; default: all.", metavar="A,B")
-    ] = None,
+    functions: Annotated[str | None, option("Functions to run, such as MMF1,MMF14_a; default: all.", "A,B")] = None,
     algorithms: Annotated[
         str | None,
-        typer.Option(
-            help=(
-                "Algorithms to compare, such as imodbo,pymoo:NSGA3,my_module:MyClass; default: all built-in algorithms."
-            ),
-            metavar="X,Y",
+        option(
+            "Algorithms to compare, such as imodbo,pymoo:NSGA3,my_module:MyClass; default: all built-in algorithms.",
+            "X,Y",
         ),
     ] = None,
-    runs: Annotated[int, typer.Option(help="Number of runs. Seeds start at 1.", min=1)] = 10,
+    runs: Annotated[int, option("Number of runs. Seeds start at 1.", min=1)] = 10,
     out: ResultsFolder = None,
     size: RunSize,
     processes: Processes = None,
     scheduler: options.Scheduler = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the available names and exit.")] = False,
+    list_names: Annotated[bool, option("--list", "Print the available names and exit.")] = False,
     output: options.Output,
 ) -> int:
     """Run optimizers on the 24 multimodal functions, and compute IGD, IGDx, CR, PSP and hypervolume.
@@ -385,15 +361,14 @@ def bench_mmf(
 def bench_paper(
     *,
     readings: Annotated[
-        str | None,
-        typer.Option(help="Interpretations of the sensor, such as R2-ray,planar; default: all.", metavar="A,B"),
+        str | None, option("Interpretations of the sensor, such as R2-ray,planar; default: all.", "A,B")
     ] = None,
-    runs: Annotated[int, typer.Option(help="Number of runs. Seeds start at 1.", min=1)] = 5,
+    runs: Annotated[int, option("Number of runs. Seeds start at 1.", min=1)] = 5,
     out: ResultsFolder = None,
-    population: Annotated[int, typer.Option(help="Number of beetles.", min=20)] = 50,
-    iterations: Annotated[int, typer.Option(help="Number of iterations per run.", min=1)] = 500,
+    population: Annotated[int, option("Number of beetles.", min=20)] = 50,
+    iterations: Annotated[int, option("Number of iterations per run.", min=1)] = 500,
     processes: Processes = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the available interpretations and exit.")] = False,
+    list_names: Annotated[bool, option("--list", "Print the available interpretations and exit.")] = False,
     output: options.Output,
 ) -> int:
     """Run MODBO and IMODBO on the simulation of the paper, with five interpretations of its sensor.
@@ -401,8 +376,7 @@ def bench_paper(
     You can stop the benchmark at any time and repeat the command to continue. Results: tables.md with Tables 5 and 6
     and the values of the paper, runs.csv, the routes, figure7.png and figures8-11-READING.png.
     """
-    from uavcover.extras.benchmarks.paper.results import write_results
-    from uavcover.extras.benchmarks.paper.runs import READINGS, make_runs, paper_runs
+    from uavcover.extras.benchmarks.paper import READINGS, make_runs, paper_runs, write_results
     from uavcover.extras.benchmarks.runs import KeptRuns, available_cores
 
     console = output.console()

@@ -10,20 +10,18 @@ import shapely
 
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from mission_io.model.places import FAR_FROM_HOME_M, MEAN_RADIUS_M, ground_distance_m
-from uavcover.extras.check.aircraft import Aircraft
-from uavcover.extras.check.endurance_checks import endurance_findings, speed_findings, wing_findings
-from uavcover.extras.check.findings import CheckFinding, FlownPath, joined
-from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.ground_checks import height_findings
-from uavcover.extras.check.item_values import impossible_numbers, value_findings
-from uavcover.extras.check.obstacle_checks import (
+from uavcover.extras.check.clearance_checks import (
     distance_findings,
     fence_findings,
+    height_findings,
     obstacle_findings,
     with_obstacles,
     zone_findings,
 )
-from uavcover.extras.check.places import Doubt, Heights, believed, places_of
+from uavcover.extras.check.endurance_checks import endurance_findings, speed_findings, wing_findings
+from uavcover.extras.check.findings import CheckFinding, FlownPath, joined
+from uavcover.extras.check.flown_path import flown_path
+from uavcover.extras.check.item_checks import Doubt, Heights, believed, impossible_numbers, places_of, value_findings
 from uavcover.extras.check.return_checks import (
     Lines,
     OwnReturn,
@@ -35,11 +33,10 @@ from uavcover.extras.check.return_checks import (
 )
 from uavcover.extras.check.tuning import CHECKS, WORLD
 from uavcover.extras.check.turns import in_turns, turns_of
-from uavcover.extras.check.world import FenceSource, Limits, Surroundings, World, local_fence
+from uavcover.extras.check.world import Aircraft, FenceSource, Limits, Surroundings, World, local_fence
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.judgement import Judgement, VerdictName
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle
+from uavcover.model.limits import NoFly, Obstacle
+from uavcover.model.verdict import Judgement, VerdictName
 from uavcover.new.tuning import TERRAIN
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.obstacles import Prism

@@ -25,7 +25,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.new.elevation_questions import ask_about_heights, ask_about_surface
 from uavcover.new.terrain_look import read_as_needed, surface_datum
 from uavcover.run.user import User
-from uavcover.scenario.areas.gis_file import entry_of, kml_of
+from uavcover.scenario.areas.features import entry_of, kml_of
 from uavcover.scenario.surface_model import higher_of, of_surface, refuse_misfit
 from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame

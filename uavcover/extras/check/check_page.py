@@ -17,7 +17,7 @@ from uavcover.extras.check.mission_file import CheckOutcome, CheckQuery
 from uavcover.extras.check.tuning import PAGE
 from uavcover.extras.check.world import Limits, LocalFence, World
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.judgement import VerdictName, worst
+from uavcover.model.verdict import VerdictName, worst
 from uavcover.report.charts import Chart, Plot
 from uavcover.report.map_data import geodetic_fit, relief_image, rings_of, rounded, zone_data
 from uavcover.report.page import rendered_page

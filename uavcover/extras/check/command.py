@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 from uavcover.cli.survey_options import At, DemOptions, Dsm, TrustDem
 
 if TYPE_CHECKING:
@@ -19,43 +20,29 @@ if TYPE_CHECKING:
 class AircraftOptions:
     """Options for the aircraft."""
 
-    vehicle: Annotated[
-        str | None, typer.Option(help="Vehicle: a name (see new --vehicle list) or a TOML file.", metavar="NAME")
-    ] = None
+    vehicle: Annotated[str | None, option("Vehicle: a name (see new --vehicle list) or a TOML file.", "NAME")] = None
     autopilot: Annotated[
-        str | None,
-        typer.Option(help="Autopilot for the mission; default: as in the file, or ardupilot.", metavar="ardupilot|px4"),
+        str | None, option("Autopilot for the mission; default: as in the file, or ardupilot.", "ardupilot|px4")
     ] = None
     flies_as: Annotated[
-        str | None,
-        typer.Option(help="Vehicle type: multirotor, fixed-wing or vtol; default: as in the file.", metavar="KIND"),
+        str | None, option("Vehicle type: multirotor, fixed-wing or vtol; default: as in the file.", "KIND")
     ] = None
-    speed: Annotated[
-        str | None, typer.Option(help="Ground speed; default: from the vehicle or autopilot.", metavar="SPEED")
-    ] = None
+    speed: Annotated[str | None, option("Ground speed; default: from the vehicle or autopilot.", "SPEED")] = None
     bank: Annotated[
-        float | None,
-        typer.Option(
-            help="Bank angle of a fixed-wing aircraft in turns; default: from the autopilot.", metavar="DEGREES"
-        ),
+        float | None, option("Bank angle of a fixed-wing aircraft in turns; default: from the autopilot.", "DEGREES")
     ] = None
-    battery: Annotated[
-        str | None, typer.Option(help="Flight time on a full battery, such as 25min.", metavar="TIME")
-    ] = None
-    reserve: Annotated[float, typer.Option(help="Battery reserve in percent.", metavar="PERCENT")] = 20.0
+    battery: Annotated[str | None, option("Flight time on a full battery, such as 25min.", "TIME")] = None
+    reserve: Annotated[float, option("Battery reserve in percent.", "PERCENT")] = 20.0
     return_height: Annotated[
         str | None,
-        typer.Option(
-            help="Return height above home (RTL_ALT, RTL_RETURN_ALT); default: the autopilot's default.",
-            metavar="LENGTH",
-        ),
+        option("Return height above home (RTL_ALT, RTL_RETURN_ALT); default: the autopilot's default.", "LENGTH"),
     ] = None
     parameters: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--parameters",
-            help=("Parameter file of a ground station, for returns and failsafes; default: the autopilot's defaults."),
-            metavar="FILE",
+            "Parameter file of a ground station, for returns and failsafes; default: the autopilot's defaults.",
+            "FILE",
         ),
     ] = None
 
@@ -64,18 +51,12 @@ class AircraftOptions:
 class LimitOptions:
     """Options for the limits."""
 
-    min_height: Annotated[
-        str, typer.Option(help="Minimum height above ground between take-off and landing.", metavar="LENGTH")
-    ] = "10m"
-    max_height: Annotated[
-        str, typer.Option(help="Maximum height above ground, or none for no limit.", metavar="LENGTH")
-    ] = "120m"
-    max_above_home: Annotated[str | None, typer.Option(help="Maximum height above home.", metavar="LENGTH")] = None
-    max_distance: Annotated[str | None, typer.Option(help="Maximum distance from home.", metavar="LENGTH")] = None
-    obstacle_clearance: Annotated[str, typer.Option(help="Minimum distance from obstacles.", metavar="LENGTH")] = "10m"
-    wind: Annotated[
-        str | None, typer.Option(help="Wind speed, assumed from the worst direction, such as 8m/s.", metavar="SPEED")
-    ] = None
+    min_height: Annotated[str, option("Minimum height above ground between take-off and landing.", "LENGTH")] = "10m"
+    max_height: Annotated[str, option("Maximum height above ground, or none for no limit.", "LENGTH")] = "120m"
+    max_above_home: Annotated[str | None, option("Maximum height above home.", "LENGTH")] = None
+    max_distance: Annotated[str | None, option("Maximum distance from home.", "LENGTH")] = None
+    obstacle_clearance: Annotated[str, option("Minimum distance from obstacles.", "LENGTH")] = "10m"
+    wind: Annotated[str | None, option("Wind speed, assumed from the worst direction, such as 8m/s.", "SPEED")] = None
 
     def limits(self) -> "Limits":
         """The given limits."""
@@ -107,58 +88,37 @@ class AroundOptions:
     trust_dem: TrustDem = False
     fence: Annotated[
         Path | None,
-        typer.Option(
-            help="Fence (.plan, .waypoints, .fen) or area to stay inside; default: the fence in the .plan.",
-            metavar="FILE",
-        ),
+        option("Fence (.plan, .waypoints, .fen) or area to stay inside; default: the fence in the .plan.", "FILE"),
     ] = None
     rally: Annotated[
-        Path | None,
-        typer.Option(help="Rally points (.plan, .waypoints); default: the rally points in the .plan.", metavar="FILE"),
+        Path | None, option("Rally points (.plan, .waypoints); default: the rally points in the .plan.", "FILE")
     ] = None
     no_fly: Annotated[
-        list[str] | None,
-        typer.Option(help="No-fly zones (same formats as uavcover new). Can be repeated.", metavar="FILE"),
+        list[str] | None, option("No-fly zones (same formats as uavcover new). Can be repeated.", "FILE")
     ] = None
     at: At = None
     obstacles: Annotated[
-        Path | None,
-        typer.Option(help="Obstacles: polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"),
+        Path | None, option("Obstacles: polygons with height_m (.geojson) or heights (.kml, .kmz).", "FILE")
     ] = None
-    home: Annotated[
-        str | None, typer.Option(help="Take-off position; default: the home in the file.", metavar="LAT,LON")
-    ] = None
-    pilot: Annotated[
-        str | None, typer.Option(help="Position of the pilot and radio; default: home.", metavar="LAT,LON")
-    ] = None
+    home: Annotated[str | None, option("Take-off position; default: the home in the file.", "LAT,LON")] = None
+    pilot: Annotated[str | None, option("Position of the pilot and radio; default: home.", "LAT,LON")] = None
 
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
     """Options for the required photos."""
 
-    area: Annotated[
-        str | None, typer.Option(help="Area to cover (same formats as uavcover new). Requires --camera.")
-    ] = None
-    camera: Annotated[
-        str | None, typer.Option(help="Camera: a name (see new --camera list) or a TOML file.", metavar="NAME")
-    ] = None
-    gsd: Annotated[
-        str | None, typer.Option(help="Maximum ground sample distance of photos that count.", metavar="LENGTH")
-    ] = None
-    overlap: Annotated[
-        str | None, typer.Option(help="Required forward and side overlap in percent.", metavar="F/S")
-    ] = None
-    coverage: Annotated[float | None, typer.Option(help="Required coverage of the area, 0 to 1.")] = None
+    area: Annotated[str | None, option("Area to cover (same formats as uavcover new). Requires --camera.")] = None
+    camera: Annotated[str | None, option("Camera: a name (see new --camera list) or a TOML file.", "NAME")] = None
+    gsd: Annotated[str | None, option("Maximum ground sample distance of photos that count.", "LENGTH")] = None
+    overlap: Annotated[str | None, option("Required forward and side overlap in percent.", "F/S")] = None
+    coverage: Annotated[float | None, option("Required coverage of the area, 0 to 1.")] = None
     camera_pitch: Annotated[
-        float,
-        typer.Option(help="Camera pitch if the mission does not set it; -90 is straight down.", metavar="DEGREES"),
+        float, option("Camera pitch if the mission does not set it; -90 is straight down.", "DEGREES")
     ] = -90.0
     picture_every: Annotated[
         str | None,
-        typer.Option(
-            help="Distance or interval at which the camera triggers itself, such as 10m or 2s.", metavar="LENGTH|TIME"
-        ),
+        option("Distance or interval at which the camera triggers itself, such as 10m or 2s.", "LENGTH|TIME"),
     ] = None
 
     def query(self) -> "ViewQuery | None":
@@ -200,29 +160,21 @@ class WrittenOptions:
     """Options for files besides the table."""
 
     map_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--map", help="Map of the path and findings: .html, or .geojson for map programs.", metavar="FILE"
-        ),
+        Path | None, option("--map", "Map of the path and findings: .html, or .geojson for map programs.", "FILE")
     ] = None
     fix: Annotated[
         bool,
-        typer.Option(
-            "--fix",
-            help=("Raise low waypoints, add some where a leg hits the ground and split long missions. Requires -o."),
+        option(
+            "--fix", "Raise low waypoints, add some where a leg hits the ground and split long missions. Requires -o."
         ),
     ] = False
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", help="Output file for the repaired mission, which is checked again.", metavar="FILE"
-        ),
+        Path | None, option("-o", "--out", "Output file for the repaired mission, which is checked again.", "FILE")
     ] = None
     max_items: Annotated[
         int | None,
-        typer.Option(
-            help="Maximum number of mission items that the vehicle can store. With --fix, longer missions are split.",
-            metavar="N",
+        option(
+            "Maximum number of mission items that the vehicle can store. With --fix, longer missions are split.", "N"
         ),
     ] = None
     force: options.Force = False

@@ -5,14 +5,13 @@ import math
 
 import numpy as np
 
-from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, joined
 from uavcover.extras.check.tuning import CHECKS
-from uavcover.extras.check.world import Limits, World
+from uavcover.extras.check.world import Aircraft, Limits, World
 from uavcover.kernels import flight_time as kernels
 from uavcover.kernels.flight_time import Pace
 from uavcover.model.vehicle import MOTIONS
-from uavcover.scenario.pace import moving_pace
+from uavcover.scenario.vehicles import moving_pace
 
 
 def flight_time_s(path: FlownPath, aircraft: Aircraft, wind_m_s: float) -> float:

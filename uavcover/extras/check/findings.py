@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.judgement import Effect, Finding
+from uavcover.model.verdict import Effect, Finding
 
 Weight = Literal["breaks", "unknown", "look"]
 """``breaks`` a limit; ``unknown``: what was asked cannot be answered; ``look``: allowed, and seldom meant."""

@@ -12,12 +12,11 @@ from typing import Final, Literal
 import numpy as np
 
 from mission_io.model.items import LAST_NAVIGATION, Command, Frame, Mission, MissionItem, SpeedType
-from uavcover.extras.check.aircraft import Aircraft, return_height_m
 from uavcover.extras.check.findings import CheckFinding, Deed, FlownPath, Phase, Segment
-from uavcover.extras.check.item_values import order_of
+from uavcover.extras.check.item_checks import order_of
 from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.turns import circle, spline, straight
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Aircraft, World, return_height_m
 from uavcover.kernels.arrays import FloatArray
 
 _REGION_OF_INTEREST, _GUIDED_ENABLE = 80, 92

@@ -16,21 +16,28 @@ from mission_io.model.items import Command, Fence, FramedPoint, Mission
 from mission_io.model.places import doubts_about_fence
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, ScenarioError
-from uavcover.extras.check.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
 from uavcover.extras.check.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.extras.check.check_elevation import ROUTE_SUFFIXES, open_check_elevation, read_route_file
+from uavcover.extras.check.clearance_checks import with_obstacles
 from uavcover.extras.check.findings import CheckFinding
-from uavcover.extras.check.obstacle_checks import with_obstacles
 from uavcover.extras.check.planned_view import MissionView, ViewQuery, planned_view
 from uavcover.extras.check.return_checks import OwnReturn
-from uavcover.extras.check.world import FenceSource, Limits
+from uavcover.extras.check.world import (
+    BANK_DEG,
+    KINDS,
+    Aircraft,
+    FenceSource,
+    Kind,
+    Limits,
+    default_aircraft,
+    radius_of_bank_m,
+)
 from uavcover.flight.vehicle_terrain import ElevationData
-from uavcover.missions.failsafe_parameters import failsafe_settings
+from uavcover.missions.failsafes import failsafe_settings
 from uavcover.model.active_times import window_of
-from uavcover.model.judgement import VerdictName
-from uavcover.model.no_fly import NoFly
-from uavcover.model.obstacles import Obstacle
+from uavcover.model.limits import NoFly, Obstacle
 from uavcover.model.vehicle import AutopilotName, autopilot_name
+from uavcover.model.verdict import VerdictName
 from uavcover.new.catalog import VehicleType, vehicle_named
 from uavcover.run.user import User
 from uavcover.scenario.airspace.zone_file import read_zones

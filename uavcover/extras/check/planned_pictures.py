@@ -12,10 +12,9 @@ from enum import IntEnum
 import numpy as np
 
 from mission_io.model.items import Command, Frame, Mission, MissionItem
-from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.findings import FlownPath, Segment
 from uavcover.extras.check.tuning import PATH
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Aircraft, World
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.coverage import picture_places
 

@@ -10,19 +10,17 @@ import shapely
 
 from mission_io.model.items import Mission
 from uavcover.errors import InputError
-from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.check import Bounds, Checked
 from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
 from uavcover.extras.check.tuning import PATH
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Aircraft, World
 from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.observation_counting import SensorPoses
-from uavcover.model.area import Area, Rings
+from uavcover.model.area import Area, RasterTerrain, Rings
 from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
-from uavcover.model.terrain import RasterTerrain
 from uavcover.model.verdict import percent_beside
 from uavcover.new.catalog import CameraBody, camera_named
 from uavcover.new.quantities import overlaps

@@ -23,14 +23,13 @@ from mission_io.model.items import (
     waypoint,
 )
 from uavcover.errors import InputError, OutputError
-from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.check import Checked
+from uavcover.extras.check.clearance_checks import place_of
 from uavcover.extras.check.findings import FlownPath, Segment
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.ground_checks import place_of
 from uavcover.extras.check.mission_file import CheckQuery, aircraft_of, read_mission_file
 from uavcover.extras.check.tuning import CHECKS, REPAIR
-from uavcover.extras.check.world import Limits, World
+from uavcover.extras.check.world import Aircraft, Limits, World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.run.file_group import numbered, write_file
 from uavcover.run.user import User

@@ -9,16 +9,22 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mission_io.model.items import Command, Frame, FramedPoint, Mission
-from uavcover.extras.check.aircraft import Aircraft, default_aircraft
 from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight, along_m, places_at
 from uavcover.extras.check.tuning import CHECKS
-from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
+from uavcover.extras.check.world import Aircraft, Limits, LocalFence, Surroundings, World, default_aircraft
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
-from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings
 from uavcover.missions.failsafe_path import wings_return
-from uavcover.missions.failsafe_states import IN_PLACE, Danger, Destinations, FlightStates, UnsafeReturn
-from uavcover.model.obstacles import Obstacles
+from uavcover.missions.failsafes import (
+    IN_PLACE,
+    Danger,
+    Destinations,
+    FailsafeSettings,
+    FlightStates,
+    UnsafeReturn,
+    failsafe_settings,
+)
+from uavcover.model.limits import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 
 _LANDING_STARTS = (188, 189)

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mission_io.model.items import Command, Mission
-from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment
 from uavcover.extras.check.tuning import PATH
+from uavcover.extras.check.world import Aircraft
 from uavcover.kernels.arrays import FloatArray
 
 _SHARES = (0.0, 0.34, 0.67, 1.0)

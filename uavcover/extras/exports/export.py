@@ -14,22 +14,22 @@ from mission_io.formats.point_route import CameraFlight, camera_flight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
 from uavcover.kernels.flight_time import landing_time, leg_times, takeoff_time
-from uavcover.missions.energy import longest_flight_in_words
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan, export_content
 from uavcover.missions.return_advice import ReturnAdvice
 from uavcover.missions.sorties import Sortie, compile_sorties
+from uavcover.missions.way_cost import longest_flight_in_words
+from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Route
-from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import registered
+from uavcover.run.documents import read_planned
 from uavcover.run.file_group import numbered, settle
-from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.terrain.vertical import Undulation
+from uavcover.scenario.vehicles import pace_of
+from uavcover.terrain.file_heights import Undulation
 
 CONTROLLER_POINTS: Final[Mapping[str, int]] = {"wpml": 200, "litchi": MOST_WAYPOINTS}
 """Formats of controllers that fly points, stopping at each, and how many points they are given unless the user says.

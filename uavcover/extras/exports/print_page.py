@@ -19,7 +19,7 @@ from uavcover.missions.sorties import Sortie
 from uavcover.model.vehicle import AutopilotName
 from uavcover.report.charts import PRINTED, Scale, nice_ticks
 from uavcover.report.page import hash_source, page_environment
-from uavcover.run.flight_folders import read_planned
+from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import sha256_of_content
 from uavcover.scenario.site import Site

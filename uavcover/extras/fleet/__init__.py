@@ -50,14 +50,14 @@ def fly_fleet(
 def upload_fleet(
     run: "RunFolder", links: "Sequence[VehicleLink]", user: "User", *, in_flight: bool
 ) -> list[dict[str, Any]]:
-    """Upload its own mission to each vehicle: see :func:`uavcover.extras.fleet.upload.upload_fleet`."""
-    from uavcover.extras.fleet import upload
+    """Upload its own mission to each vehicle: see :func:`uavcover.extras.fleet.command.upload_fleet`."""
+    from uavcover.extras.fleet import command
 
-    return upload.upload_fleet(run, links, user, in_flight=in_flight)
+    return command.upload_fleet(run, links, user, in_flight=in_flight)
 
 
 def links_that_fly(run: "RunFolder", links: "list[VehicleLink]", user: "User") -> "list[VehicleLink]":
-    """The links of vehicles that have a sortie: see :func:`uavcover.extras.fleet.upload.links_that_fly`."""
-    from uavcover.extras.fleet import upload
+    """The links of vehicles that have a sortie: see :func:`uavcover.extras.fleet.command.links_that_fly`."""
+    from uavcover.extras.fleet import command
 
-    return upload.links_that_fly(run, links, user)
+    return command.links_that_fly(run, links, user)

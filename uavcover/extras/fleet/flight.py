@@ -14,10 +14,10 @@ from mission_io.errors import MissionIoError
 from mission_io.model.items import Mission
 from uavcover.errors import UavcoverError, VehicleError
 from uavcover.extras.fleet.board import Board, VehicleUser
-from uavcover.extras.fleet.clock import FleetClock
 from uavcover.extras.fleet.jobs import Job, OnLoss
-from uavcover.extras.fleet.position import FleetPhase
 from uavcover.extras.fleet.sortie import (
+    FleetClock,
+    FleetWork,
     FlownSortie,
     LostVehicle,
     ReserveWatch,
@@ -28,9 +28,8 @@ from uavcover.extras.fleet.sortie import (
     wait_for_home,
     whose_home,
 )
-from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.traffic import FleetPhase, Traffic
 from uavcover.extras.fleet.tuning import FLEET
-from uavcover.extras.fleet.work import FleetWork
 from uavcover.flight.command import FlightOptions, record_flight
 from uavcover.flight.connect import Connected, VehicleLink, fly
 from uavcover.flight.orders import Clearance
@@ -39,7 +38,7 @@ from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan
 from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.track import TrackSample
-from uavcover.run.flight_folders import TRACK
+from uavcover.run.documents import TRACK
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.provenance import note_files
 from uavcover.scenario.site import Site

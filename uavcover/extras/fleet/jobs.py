@@ -8,16 +8,29 @@ from enum import StrEnum
 from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.extras.fleet.tuning import FLEET
-from uavcover.extras.fleet.upload import require_at_once
 from uavcover.flight.connect import require_home
 from uavcover.flight.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
+from uavcover.missions.fleet_schedule import Timeline, timeline_of
 from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.sorties import Sortie
-from uavcover.missions.timeline import Timeline, timeline_of
 from uavcover.model.route import Route
-from uavcover.run.flight_folders import TRACK, is_alike, read_planned
+from uavcover.run.documents import TRACK, is_alike, read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
+
+
+def require_at_once(fleet: object, run: RunFolder) -> None:
+    """Refuse several vehicles for flights that are planned one at a time.
+
+    Args:
+        fleet: of ``plan.json``.
+        run: its folder.
+
+    Raises:
+        InputError: they are.
+    """
+    if isinstance(fleet, dict) and fleet.get("one_at_a_time", False):
+        raise InputError(f"{run}: this plan flies one sortie at a time; use one --to, and --sortie N in this order")
 
 
 class OnLoss(StrEnum):

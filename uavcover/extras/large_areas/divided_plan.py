@@ -37,8 +37,7 @@ from uavcover.planner.planner import Effort, SearchProgress
 from uavcover.planner.search.optimizer_search import SearchRun
 from uavcover.run.file_group import remove_half_written, write_file
 from uavcover.run.provenance import program
-from uavcover.run.scheduling import Workers, local_count, workers_of
-from uavcover.run.shared_file import can_share_files
+from uavcover.run.scheduling import Workers, can_share_files, local_count, workers_of
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.sensing.block_map import BlockLook, BlockTask, RunBlocks, is_large, look_at_block

@@ -35,7 +35,7 @@ from uavcover.planner.search.search_cells import scattered_problem
 from uavcover.planner.search.starts import best_starts, starts_worth_looking_at
 from uavcover.planner.search.tuning import TUNED
 from uavcover.scenario.site import Site, forget_computed
-from uavcover.scenario.vehicle_areas import Piece, polygons_of
+from uavcover.scenario.vehicles import Piece, polygons_of
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_maps, planning_map

@@ -47,7 +47,7 @@ from uavcover.planner.search.route_judge import with_safety
 from uavcover.planner.search.tuning import TUNED
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import Piece, polygons_of
+from uavcover.scenario.vehicles import Piece, polygons_of
 from uavcover.sensing.block_map import RunBlocks, look_at_all, one_after_the_other
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_map, sampling_map

@@ -23,9 +23,8 @@ from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import Piece, polygons_of
+from uavcover.scenario.vehicles import Piece, pace_of, polygons_of
 from uavcover.sensing.coverage_map import CoverageMap
 
 # Sectors: parts of an area between two rays from home, and their flights, one for each layer.

@@ -10,15 +10,15 @@ import shapely
 
 from mission_io.formats.csv_tables import header_of
 from uavcover.errors import InputError
-from uavcover.extras.photos.exif import ENDINGS as PICTURE_ENDINGS
 from uavcover.extras.photos.judge_photos import judge_photos
+from uavcover.extras.photos.lists import LOGS, reports_pictures
 from uavcover.extras.photos.photo_judgement import PhotoRequest
 from uavcover.extras.photos.photo_verdict import PhotoVerdict
 from uavcover.extras.photos.picture import survey_as_flown
 from uavcover.extras.photos.placing import Assumptions
-from uavcover.extras.photos.readers import LISTS, LOGS, read_pictures, reports_pictures
+from uavcover.extras.photos.readers import ENDINGS, LISTS, read_pictures
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.judgement import Requirement, noted
+from uavcover.model.verdict import Requirement, noted
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.new.quantities import length_m
 from uavcover.run.folder import SCHEMA_VERSION, VERDICT_FILES, RunFolder
@@ -57,7 +57,7 @@ def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | N
 
 def _is_of_pictures(path: Path) -> bool:
     ending = path.suffix.lower()
-    if path.is_dir() or ending in PICTURE_ENDINGS:
+    if path.is_dir() or ending in ENDINGS:
         return True
     if ending == ".json":
         return _is_list(path)

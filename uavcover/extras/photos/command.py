@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.options import option
 from uavcover.cli.survey_options import PhotoOptions, SearchOptions, SurveyOptions, list_curves
 
 
@@ -21,32 +22,24 @@ def judge_photos(
         ),
     ] = None,
     *,
-    area: Annotated[str | None, typer.Option(help="Area to cover (same formats as uavcover new).")] = None,
-    scenario: Annotated[
-        Path | None, typer.Option(help="Scenario file or run folder, instead of --area.", metavar="FILE|RUN")
-    ] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the verdict.", metavar="FOLDER")] = Path(
-        "photos"
-    ),
+    area: Annotated[str | None, option("Area to cover (same formats as uavcover new).")] = None,
+    scenario: Annotated[Path | None, option("Scenario file or run folder, instead of --area.", "FILE|RUN")] = None,
+    out: Annotated[Path, option("-o", "--out", "Folder for the verdict.", "FOLDER")] = Path("photos"),
     survey: SurveyOptions,
     belief: PhotoOptions,
     search: SearchOptions,
     coverage: Annotated[
-        float | None,
-        typer.Option(help="Required coverage of the visible ground. Default: the scenario's value, or 0.98."),
+        float | None, option("Required coverage of the visible ground. Default: the scenario's value, or 0.98.")
     ] = None,
-    refly: Annotated[bool, typer.Option("--refly/--no-refly", help="Plan a flight for the missing photos.")] = True,
+    refly: Annotated[bool, option("--refly/--no-refly", "Plan a flight for the missing photos.")] = True,
     budget: Annotated[
-        str | None,
-        typer.Option(help="Time limit for planning the flight for missing photos, such as 30s.", metavar="TIME"),
+        str | None, option("Time limit for planning the flight for missing photos, such as 30s.", "TIME")
     ] = "20s",
     page: Annotated[
-        Path | None,
-        typer.Option("--report", help="Also write an HTML page with a map and tables.", metavar="FILE.html"),
+        Path | None, option("--report", "Also write an HTML page with a map and tables.", "FILE.html")
     ] = None,
     gpkg: Annotated[
-        Path | None,
-        typer.Option(help="Also write footprints, positions and gaps to a GeoPackage.", metavar="FILE.gpkg"),
+        Path | None, option("Also write footprints, positions and gaps to a GeoPackage.", "FILE.gpkg")
     ] = None,
     force: options.Force = False,
     output: options.Output,

@@ -11,13 +11,7 @@ import shapely
 from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.extras.photos.photo_judgement import BLUR_PX, PhotoRequest, judged, placed_in
-from uavcover.extras.photos.photo_verdict import (
-    PhotoVerdict,
-    footprints_geojson,
-    frame_of,
-    photo_raster,
-    picture_table,
-)
+from uavcover.extras.photos.photo_verdict import PhotoVerdict, footprints_geojson, frame_of, photo_raster, picture_table
 from uavcover.extras.photos.picture import CAMERA_FILE, survey_as_flown
 from uavcover.extras.photos.readers import PictureSet, read_pictures
 from uavcover.model.area import Area

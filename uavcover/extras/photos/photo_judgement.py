@@ -10,16 +10,22 @@ import numpy as np
 import shapely
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.extras.photos.doubts import direction_doubts, height_doubts, missing_stretches
 from uavcover.extras.photos.photo_verdict import PhotoVerdict, blur_px, clocks_of, frame_of
 from uavcover.extras.photos.picture import FILM_DIAGONAL_MM, LENS_DIFFERS, Picture
-from uavcover.extras.photos.placing import Assumptions, PlacedPictures, place_pictures
+from uavcover.extras.photos.placing import (
+    Assumptions,
+    PlacedPictures,
+    direction_doubts,
+    height_doubts,
+    missing_stretches,
+    place_pictures,
+)
 from uavcover.extras.photos.readers import PictureSet
 from uavcover.extras.photos.showing import detection_document, detection_doubts, shown_cells
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.detection import DetectionCurve
-from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement
 from uavcover.model.sensor import FrameCamera
+from uavcover.model.verdict import Effect, Finding, Holds, Judgement, Requirement
+from uavcover.new.catalog import DetectionCurve
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import User
 from uavcover.scenario.site import Site

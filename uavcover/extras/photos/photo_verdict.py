@@ -17,8 +17,8 @@ from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import PlacedPictures
 from uavcover.extras.photos.showing import ShownCells
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.judgement import Judgement
 from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.model.verdict import Judgement
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import frame_camera

@@ -1,82 +1,237 @@
-"""Pictures from what people have: folders of photos, lists of photos, flight logs."""
+"""Photos of folders, files, lists and flight logs, with the metadata of their files.
+
+Metadata is EXIF, and the XMP in which DJI, Parrot, Autel, senseFly and others tell the gimbal's angles. Pillow reads it, which
+opens a file without decoding its pixels. XMP properties are found by their local names: makers use the same names in namespaces
+of their own. Facts: the tables of photo fields in the manuals of DJI Mavic 3M and Zenmuse P1 (angles in north-east-down, turned
+yaw, pitch, roll; "absolute altitude" is geodetic; RtkFlag 50 is a fixed solution), and EXIF 3.0 (GPSAltitudeRef 2 and 3 are
+heights above the ellipsoid).
+"""
 
 import hashlib
 import itertools
+import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
+from typing import Any
+from xml.etree import ElementTree
 
-import numpy as np
+from PIL import ExifTags, Image, UnidentifiedImageError
 
 from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
-from uavcover.extras.photos.exif import ENDINGS, read_picture
-from uavcover.extras.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
-from uavcover.extras.photos.picture import Picture, finite
-from uavcover.kernels.arrays import FloatArray
-from uavcover.verification.track_logs.assembly import LoggedRows, attitudes_at
-from uavcover.verification.track_logs.readers import READERS
+from uavcover.extras.photos.lists import LOGS, read_geo_txt, read_images_json, read_log, read_mrk, read_table
+from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
 
-# Photos in a flight log: ArduPilot's CAM and TRIG, CAMERA_FEEDBACK, PX4's camera_capture.
+ENDINGS = (".jpg", ".jpeg", ".tif", ".tiff", ".dng")
+_JPEG = (".jpg", ".jpeg")
+_TAIL, _LONG_TAIL = 65_536, 16_000_000
+_CUT_OFF = "the file is truncated; copy it again from the memory card"
+_CAPTURE_IDS = ("CaptureUUID", "CaptureId", "CaptureID", "CaptureGUID")
+"""Tags that identify one exposure of a multispectral camera or a rig: DJI, Parrot and MicaSense."""
+_OFF_NADIR_NAMES = {"Camera:Pitch", "Camera:Roll", "Camera:Yaw"}
+"""Tags of Pix4D, senseFly and MicaSense: their pitch is 0 straight down."""
 
-LOGS = (".bin", ".tlog", ".ulg")
 
-
-def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
-    """The photos of a log, numbered in order of time, and what is to be said of it.
-
-    A photo is where the log says that it was taken, or else where the vehicle was then; its height and the vehicle's attitude
-    are those of the vehicle at that time.
-
-    Raises:
-        TrackError: no such log, without positions, or it records no photos.
-    """
-    rows = READERS[path.suffix.lower()](path)
-    if rows.pictures is None or not len(rows.pictures):
-        raise TrackError(
-            f"{path}: the log records no photos (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); use verify --log"
-        )
-    pictures = _pictures(path, rows)
-    outside = len(rows.pictures) - len(pictures)
-    words = (
-        f"{path.name}: {counted(outside, 'photo was', 'photos were')} taken outside the time of the track and therefore "
-        f"{'has no height; it is' if outside == 1 else 'have no height; they are'} not counted",
+def read_picture(path: Path) -> Picture:
+    """Read a photo's metadata. Raises TrackError: it is no photo, or its metadata is damaged."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of damaged tags that are not used, and of large photos
+            with Image.open(path) as image:
+                exif = image.getexif()
+                gps = dict(exif.get_ifd(ExifTags.IFD.GPSInfo))
+                details = dict(exif.get_ifd(ExifTags.IFD.Exif))
+                size = image.size
+                xmp = image.info.get("xmp") or exif.get(ExifTags.Base.XMLPacket)
+    except (UnidentifiedImageError, Image.DecompressionBombError) as error:
+        raise TrackError(f"{path}: the photo cannot be read ({error})") from error
+    except (OSError, ValueError, SyntaxError, TypeError, KeyError, ZeroDivisionError) as error:
+        raise TrackError(f"{path}: the metadata is damaged ({type(error).__name__}: {error})") from error
+    tags = _xmp(xmp)
+    yaw, pitch, roll = _angles(tags)
+    alt_m, datum = _height(gps, tags)
+    sides = _sides(size, details)
+    model = _model(exif)
+    time_s, zone_known = _time_s(exif.get(ExifTags.Base.DateTime), details)
+    serial = tags.get("DroneSerialNumber") or str(details.get(ExifTags.Base.BodySerialNumber, "")).strip("\x00 ")
+    owner = " ".join(filter(None, (model or "a camera", serial)))
+    return Picture(
+        name=path.name,
+        lat_deg=_place(_first(tags, "GpsLatitude"), _degrees(gps, 2, 1, "S")),
+        lon_deg=_place(_first(tags, "GpsLongitude", "GpsLongtitude"), _degrees(gps, 4, 3, "W")),
+        alt_m=alt_m,
+        datum=datum,
+        height_above_takeoff_m=_first(tags, "RelativeAltitude"),
+        time_s=time_s,
+        clock=None if time_s is None else "UTC" if zone_known else f"the clock of {owner}",
+        utc_s=time_s if zone_known else _satellites_time_s(gps),
+        yaw_deg=yaw,
+        pitch_deg=pitch,
+        roll_deg=roll,
+        vehicle_yaw_deg=_first(tags, "FlightYawDegree", "DroneYawDegree"),
+        horizontal_error_m=_horizontal_error_m(gps, tags),
+        vertical_error_m=_first(tags, "RtkStdHgt", "GPSZAccuracy") if _is_fixed(tags) else _first(tags, "GPSZAccuracy"),
+        speed_m_s=_speed_m_s(tags),
+        exposure_s=finite(details.get(ExifTags.Base.ExposureTime)),
+        camera=model,
+        pixels=sides,
+        focal_length_mm=finite(details.get(ExifTags.Base.FocalLength)) or None,
+        focal_length_35mm=finite(details.get(ExifTags.Base.FocalLengthIn35mmFilm)) or None,
+        capture_id=next((tags[name] for name in _CAPTURE_IDS if tags.get(name)), None),
+        digital_zoom=finite(details.get(ExifTags.Base.DigitalZoomRatio)) or None,
+        fault=_CUT_OFF if path.suffix.lower() in _JPEG and not _ends(path) else None,
     )
-    return pictures, (*rows.warnings, *(words if outside else ()))
 
 
-def reports_pictures(path: Path) -> bool:
-    """Whether a log reports any photo. Raises TrackError: it cannot be read."""
-    pictures = READERS[path.suffix.lower()](path).pictures
-    return pictures is not None and len(pictures) > 0
+def _ends(path: Path) -> bool:
+    """Whether a JPEG has its end, which entropy-coded data cannot hold: a copy that broke off has none."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        for tail in (_TAIL, _LONG_TAIL):
+            file.seek(max(0, size - tail))
+            # Some cameras fill files up with zeros.
+            end = file.read().rstrip(b"\x00")
+            if end:
+                return b"\xff\xd9" in end[-_TAIL:]
+    return False
 
 
-def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
-    has_fix = np.isfinite(rows.positions).all(axis=1) & (rows.positions[:, 1:3] != 0.0).any(axis=1)
-    positions = rows.positions[has_fix]
-    positions = positions[np.argsort(positions[:, 0], kind="stable")]
-    reports: FloatArray = np.asarray(rows.pictures).reshape(-1, 3)
-    reports = reports[np.argsort(reports[:, 0], kind="stable")]
-    inside = (
-        (reports[:, 0] >= positions[0, 0]) & (reports[:, 0] <= positions[-1, 0])
-        if len(positions)
-        else np.zeros(len(reports), bool)
-    )
-    reports = reports[inside]
-    if not len(reports):
-        raise TrackError(f"{path}: all photos were taken outside the time of the track and therefore have no height")
-    lat, lon, alt = (np.interp(reports[:, 0], positions[:, 0], positions[:, k]) for k in (1, 2, 3))
-    placed = np.isfinite(reports[:, 1:]).all(axis=1) & (reports[:, 1:] != 0.0).any(axis=1)
-    lat, lon = np.where(placed, reports[:, 1], lat), np.where(placed, reports[:, 2], lon)
-    attitude = attitudes_at(reports[:, 0], rows.attitudes.reshape(-1, 4))
-    return [
-        Picture(
-            name=f"{path.stem}-{k + 1:04d}", lat_deg=float(lat[k]), lon_deg=float(lon[k]), alt_m=float(alt[k]),
-            time_s=float(reports[k, 0]), clock=path.name, vehicle_roll_deg=finite(attitude[k, 0]),
-            vehicle_pitch_deg=finite(attitude[k, 1]), vehicle_yaw_deg=finite(attitude[k, 2]),
-        )
-        for k in range(len(reports))
-    ]  # fmt: skip
+def _xmp(packet: object) -> dict[str, str]:
+    """Properties by their local names; those of Pix4D's and senseFly's "Camera" with it in front."""
+    if isinstance(packet, str):
+        packet = packet.encode()
+    if not isinstance(packet, bytes) or len(packet) > 1_000_000:
+        return {}
+    text = packet.strip(b"\x00 \r\n\t")
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        return {}
+    begin, end = text.find(b"<x:xmpmeta"), text.rfind(b"</x:xmpmeta>")
+    if begin >= 0 and end >= 0:
+        text = text[begin : end + len(b"</x:xmpmeta>")]
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError):
+        return {}
+    found: dict[str, str] = {}
+    for element in root.iter():
+        pairs = [*element.attrib.items(), (element.tag, (element.text or "").strip())]
+        for name, value in pairs:
+            namespace, _, local = name.rpartition("}")
+            of_camera = re.search(r"/camera/1\.0/?$", namespace, re.IGNORECASE) is not None
+            key = f"Camera:{local}" if of_camera and local in {"Pitch", "Roll", "Yaw"} else local
+            if value and key not in found:
+                found[key] = value
+    return found
+
+
+def _first(tags: Mapping[str, str], *names: str) -> float | None:
+    for name in names:
+        if name in tags:
+            return finite(tags[name])
+    return None
+
+
+def _place(of_xmp: float | None, of_exif: float | None) -> float | None:
+    """XMP has more digits; some makers write 0 there."""
+    return of_xmp or of_exif
+
+
+def _angles(tags: Mapping[str, str]) -> tuple[float | None, float | None, float | None]:
+    """Yaw, pitch and roll of the camera."""
+    for prefix in ("Gimbal", "Camera"):
+        yaw, pitch = _first(tags, f"{prefix}YawDegree"), _first(tags, f"{prefix}PitchDegree")
+        if yaw is not None and pitch is not None:
+            return yaw, pitch, _first(tags, f"{prefix}RollDegree") or 0.0
+    if all(name in tags for name in _OFF_NADIR_NAMES):
+        off_nadir = _first(tags, "Camera:Pitch")
+        yaw, roll = _first(tags, "Camera:Yaw"), _first(tags, "Camera:Roll")
+        if off_nadir is not None and yaw is not None:
+            return yaw, off_nadir - 90.0, roll or 0.0
+    return None, None, None
+
+
+def _height(gps: Mapping[int, Any], tags: Mapping[str, str]) -> tuple[float | None, HeightDatum]:
+    reference = gps.get(5, 0)
+    reference = reference[0] if isinstance(reference, bytes) and reference else reference
+    alt_m = finite(gps.get(6))
+    # Below, where the reference is odd: 1 under sea level, 3 under the ellipsoid.
+    if alt_m is not None and reference in (1, 3):
+        alt_m = -abs(alt_m)
+    datum = HeightDatum.ELLIPSOID if reference in (2, 3) else HeightDatum.SEA_LEVEL
+    absolute = _first(tags, "AbsoluteAltitude")
+    if absolute is None:
+        return alt_m, datum
+    by_rtk = tags.get("AltitudeType", "").lower() == "rtkalt" or _is_fixed(tags)
+    return absolute, HeightDatum.ELLIPSOID if by_rtk else datum
+
+
+def _is_fixed(tags: Mapping[str, str]) -> bool:
+    return _first(tags, "RtkFlag") == RTK_FIXED
+
+
+def _horizontal_error_m(gps: Mapping[int, Any], tags: Mapping[str, str]) -> float | None:
+    if _is_fixed(tags):
+        north, east = _first(tags, "RtkStdLat"), _first(tags, "RtkStdLon")
+        if north is not None and east is not None:
+            return max(north, east)
+    accuracy = _first(tags, "GPSXYAccuracy")
+    return accuracy if accuracy is not None else finite(gps.get(31))
+
+
+def _speed_m_s(tags: Mapping[str, str]) -> float | None:
+    north, east = _first(tags, "FlightXSpeed"), _first(tags, "FlightYSpeed")
+    return None if north is None or east is None else (north**2 + east**2) ** 0.5
+
+
+def _degrees(gps: Mapping[int, Any], value: int, reference: int, negative: str) -> float | None:
+    parts = gps.get(value)
+    if not isinstance(parts, tuple | list) or not parts:
+        return None
+    numbers = [finite(part) for part in parts]
+    if any(number is None for number in numbers):
+        return None
+    degrees = sum(number / 60.0**k for k, number in enumerate(numbers) if number is not None)
+    return -degrees if str(gps.get(reference, "")).strip("\x00 ").upper().startswith(negative) else degrees
+
+
+def _time_s(modified: object, details: Mapping[int, Any]) -> tuple[float | None, bool]:
+    """Time by the camera's clock, and whether that is Unix time: EXIF 2.31 has a zone (OffsetTimeOriginal)."""
+    original = details.get(ExifTags.Base.DateTimeOriginal)
+    zone = details.get(ExifTags.Base.OffsetTimeOriginal if original else ExifTags.Base.OffsetTime)
+    fraction = str(details.get(ExifTags.Base.SubsecTimeOriginal, "")).strip("\x00 ")
+    part = f".{fraction[:9]}" if fraction.isdecimal() and fraction.isascii() else ""
+    ahead = re.fullmatch(r"[+-]\d\d:\d\d", str(zone or "").strip("\x00 "))
+    return moment(str(original or modified).strip("\x00 ") + part + (ahead[0] if ahead else ""))
+
+
+def _satellites_time_s(gps: Mapping[int, Any]) -> float | None:
+    """Unix time of the receiver's place (GPSDateStamp, GPSTimeStamp: UTC), whole seconds with many cameras."""
+    day, _ = moment(str(gps.get(29, "")).strip("\x00 ") + " 00:00:00")
+    parts = gps.get(7)
+    if day is None or not isinstance(parts, tuple | list) or len(parts) != 3:
+        return None
+    hours, minutes, seconds = (finite(part) for part in parts)
+    if hours is None or minutes is None or seconds is None or not 0.0 <= hours < 24.0:
+        return None
+    return day + 3600.0 * hours + 60.0 * minutes + seconds
+
+
+def _sides(size: tuple[int, int], details: Mapping[int, Any]) -> tuple[int, int]:
+    """Longer and shorter side as it was taken, also of a smaller copy that keeps its metadata."""
+    long, short = max(size), min(size)
+    taken = [finite(details.get(tag)) for tag in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)]
+    if taken[0] and taken[1]:
+        taken_long, taken_short = max(taken[0], taken[1]), min(taken[0], taken[1])
+        if abs(taken_long / taken_short * short / long - 1.0) <= 0.02:
+            return int(taken_long), int(taken_short)
+    return long, short
+
+
+def _model(exif: Image.Exif) -> str | None:
+    names = [str(exif.get(tag, "")).strip("\x00 ") for tag in (ExifTags.Base.Make, ExifTags.Base.Model)]
+    return " ".join(name for name in names if name) or None
 
 
 LISTS: dict[str, Callable[[Path], list[Picture]]] = {

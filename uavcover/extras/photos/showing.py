@@ -12,7 +12,7 @@ from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.detection import Looks
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_slopes
-from uavcover.model.detection import DetectionCurve, Independent
+from uavcover.new.catalog import DetectionCurve, Independent
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.observing import add_observations

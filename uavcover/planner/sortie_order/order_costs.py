@@ -12,11 +12,10 @@ import numpy as np
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.flight_time import leg_times, turn_times
 from uavcover.kernels.way_cost import NO_ENERGIES, FlightCosts, FlightEnergies, split, straight_ends
-from uavcover.missions.energy import FlightEnergy
-from uavcover.missions.way_cost import mission_cost_of
+from uavcover.missions.way_cost import FlightEnergy, mission_cost_of
 from uavcover.planner.sortie_order.stretches import Stretches, first_place, last_place
-from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 
 NO_LINK_S = 1e7
 """Time of a link that does not exist."""

@@ -19,7 +19,7 @@ from uavcover.planner.search.simplify import least_seen
 from uavcover.planner.sortie_order.order_costs import OrderCosts
 from uavcover.planner.sortie_order.stretches import stretches_of
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_areas import vehicle_sites
+from uavcover.scenario.vehicles import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 
 _TRIES_PER_EVALUATION, _MOST_TRIES = 6, 3_000

@@ -18,8 +18,8 @@ from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.surface import GRID, Surface
 from uavcover.scenario.airspace.zones import Polygons, Zone
 from uavcover.scenario.site import Site, once
+from uavcover.terrain.frames import Bounds, nodes_between, places_of_nodes_m
 from uavcover.terrain.ground import Ground
-from uavcover.terrain.pixel_frame import Bounds, nodes_between, places_of_nodes_m
 
 # Lines of no-fly zones in space, for displays.
 

@@ -21,8 +21,7 @@ from mission_io.model.items import Fence, LatLon
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.model.area import Ring, Rings
-from uavcover.scenario.areas.features import WGS84, AreaDocument, AreaFeature
-from uavcover.scenario.areas.gis_file import polygons_of_shape
+from uavcover.scenario.areas.features import WGS84, AreaDocument, AreaFeature, polygons_of_shape
 
 # ``.poly`` files of OpenStreetMap's tools (Osmosis, Geofabrik): sections of longitude and latitude, each ended by ``END``.
 

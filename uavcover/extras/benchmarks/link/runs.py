@@ -16,8 +16,19 @@ from typing import Final, Self
 
 from mission_io.model.items import MissionItem
 from uavcover.errors import InputError
-from uavcover.extras.benchmarks.link.peers import REAL_CLIENTS, Transferred, outcome_of, run_real, run_simulated, serve
-from uavcover.extras.benchmarks.link.trials import AUTOPILOTS, COLUMNS, DIRECTIONS, TransferOutcome, Trial
+from uavcover.extras.benchmarks.link.peers import (
+    AUTOPILOTS,
+    COLUMNS,
+    DIRECTIONS,
+    REAL_CLIENTS,
+    TransferOutcome,
+    Transferred,
+    Trial,
+    outcome_of,
+    run_real,
+    run_simulated,
+    serve,
+)
 
 LONGEST_S = 240.0
 """A client that takes longer is ended and counts as hung."""

@@ -6,8 +6,7 @@ This module imports pymoo; `uavcover.extras.benchmarks.mmf.problems` itself does
 from typing import Any
 
 from uavcover.errors import InputError
-from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
-from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, reference_sets
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.pymoo.adapters import pymoo_missing
 

@@ -16,10 +16,20 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
-from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
-from uavcover.extras.benchmarks.mmf.runs import FLOOR, Budget, MmfFolder, RunId, table_order
-from uavcover.extras.benchmarks.mmf.summary import METRICS, Samples, figure, measured, runs_csv, summary_csv
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, reference_sets
+from uavcover.extras.benchmarks.mmf.runs import (
+    FLOOR,
+    METRICS,
+    Budget,
+    MmfFolder,
+    RunId,
+    Samples,
+    figure,
+    measured,
+    runs_csv,
+    summary_csv,
+    table_order,
+)
 from uavcover.extras.benchmarks.rank_tests import Comparison, compared, friedman
 from uavcover.extras.benchmarks.runs import csv_text, drawn, markdown, write_texts
 

@@ -1,4 +1,4 @@
-"""``uavcover bench mmf`` as a user gives it."""
+"""The commands of the benchmarks."""
 
 import json
 import select
@@ -125,3 +125,109 @@ def test_a_missing_package_is_refused_before_anything_is_computed(
     assert ended.code == 2
     assert "requires pymoo" in ended.error
     assert not (tmp_path / "mmf").exists()
+
+
+SMALL_PAPER = ("--population", 20, "--iterations", 2, "--runs", 1, "--processes", 1)
+
+
+def test_list_of_readings(cli: Cli) -> None:
+    assert cli("bench", "paper", "--list", "--json").document["readings"] == [
+        "R2-ray",
+        "R2-midpoint",
+        "r1-ray",
+        "r1-midpoint",
+        "planar",
+    ]
+
+
+def test_writes_the_tables_and_makes_nothing_twice(cli: Cli, tmp_path: Path) -> None:
+    arguments = ("bench", "paper", "--readings", "planar", "-o", tmp_path / "out", *SMALL_PAPER, "--json")
+    first, second = cli(*arguments), cli(*arguments)
+    assert (first.code, first.document["made"]) == (0, 2)
+    assert (second.code, second.document["made"]) == (0, 0)
+    assert "## Which reading fits" in (tmp_path / "out" / "tables.md").read_text()
+    assert (tmp_path / "out" / "figure7.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_bad_usage_of_paper_is_one_line(cli: Cli, tmp_path: Path) -> None:
+    assert "--readings: unknown: 'R3'" in cli("bench", "paper", "--readings", "R3", "-o", tmp_path).error
+    assert "-o/--out: specify a folder" in cli("bench", "paper").error
+
+
+def test_list_of_scenarios(cli: Cli) -> None:
+    document = cli("bench", "coverage", "--list", "--json").document
+    assert "ridge-25km2" in document["scenarios"]
+    assert document["algorithms"][0] == "boustrophedon"
+
+
+def test_writes_the_table_and_makes_nothing_twice(cli: Cli, tmp_path: Path) -> None:
+    arguments = (
+        "bench", "coverage", "--scenarios", "paper-planar", "--algorithms", "boustrophedon,modbo", "--seeds", 1,
+        "--time", "0.2", "--no-equal-evaluations", "--processes", 1, "-o", tmp_path / "out", "--json",
+    )  # fmt: skip
+    first, second = cli(*arguments), cli(*arguments)
+    assert (first.code, first.document["made"]) == (0, 2)
+    assert (second.code, second.document["made"]) == (0, 0)
+    assert "| boustrophedon | once | 1 |" in (tmp_path / "out" / "table.md").read_text()
+    assert (
+        "--algorithms boustrophedon,modbo --seeds 1 --seeds-long 3 --time 0.2 --no-equal-evaluations -o DIR"
+        in (tmp_path / "out" / "table.md").read_text()
+    )
+
+
+@pytest.mark.parametrize("times", ["0", "ten", "10,-3", ""])
+def test_bad_times_are_one_line(cli: Cli, tmp_path: Path, times: str) -> None:
+    ended = cli("bench", "coverage", "--time", times, "-o", tmp_path)
+    assert ended.code == 2
+    assert "--time:" in ended.error
+
+
+def test_bad_usage_of_coverage_is_one_line(cli: Cli) -> None:
+    assert "-o/--out: specify a folder" in cli("bench", "coverage").error
+    assert "--algorithms: unknown: 'spiral'" in cli("bench", "coverage", "--algorithms", "spiral").error
+
+
+def test_simulated_transfers_are_tabulated_and_kept(cli: Cli, tmp_path: Path) -> None:
+    wanted = ("bench", "link", "-o", tmp_path / "link", "--clients", "simulated", "--losses", "0,0.2", "--seeds", 2)
+    first = cli(*wanted, "--json")
+    assert (first.code, first.document) == (0, {"transfers": 16, "made": 16, "wrong_unnoticed": 0})
+    table = (tmp_path / "link" / "link.md").read_text()
+    assert "| px4 | download | 1 ms | 20% | 2/2 |" in table
+    assert len((tmp_path / "link" / "link.csv").read_text().splitlines()) == 1 + 8
+    again = cli(*wanted)
+    assert "transfers: 16; already in" in again.out
+    assert again.out.endswith(table)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "telling"),
+    [
+        ((), "-o/--out"),
+        (("-o", "x", "--clients", "pigeon"), "choose from simulated, native, mavsdk"),
+        (("-o", "x", "--losses", "some"), "must be a list of numbers"),
+        (("-o", "x", "--losses", "0,1"), "below 1"),
+        (("-o", "x", "--losses", "nan"), "below 1"),
+    ],
+)
+def test_bad_usage(cli: Cli, arguments: tuple[str, ...], telling: str) -> None:
+    ended = cli("bench", "link", *arguments)
+    assert (ended.code, telling in ended.error) == (2, True)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_stopped_and_resumed(cli: Cli, tmp_path: Path, how: signal.Signals) -> None:
+    wanted = ("bench", "link", "-o", tmp_path, "--clients", "simulated", "--losses", "0.3", "--seeds", 8)
+    outcomes = tmp_path / "outcomes.csv"
+    with started(command(*wanted)) as process:
+        while not outcomes.exists() or outcomes.read_text().count("\n") < 5:
+            assert process.poll() is None
+        process.send_signal(how)
+        _, errors = process.communicate()
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert "run the command again to continue" in errors
+    done = outcomes.read_text().count("\n") - 1
+    assert 4 <= done < 32
+    resumed = cli(*wanted, "--json")
+    assert (resumed.code, resumed.document["made"]) == (0, 32 - done)
+    assert outcomes.read_text().count("\n") == 33
