@@ -22,6 +22,7 @@ from types import MappingProxyType
 
 from mission_io.client.client import Client
 from mission_io.model.enums import AutopilotId, EkfFlag, Severity
+from mission_io.model.places import ground_distance_m
 from mission_io.wire import messages as m
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.tuning import EVIDENCE, WATCH
@@ -314,10 +315,9 @@ class Causes:
         self._before = here
         if before is None or here is None or not 0.0 < here.time_boot_s - before.time_boot_s < 1.0:
             return
-        north_m = (here.lat_deg - before.lat_deg) * 111_320.0
-        east_m = (here.lon_deg - before.lon_deg) * 111_320.0 * math.cos(math.radians(here.lat_deg))
+        moved_m = ground_distance_m(before.lat_deg, before.lon_deg, here.lat_deg, here.lon_deg)
         speed_m_s = max(math.hypot(p.velocity_north_m_s, p.velocity_east_m_s) for p in (before, here))
-        jump_m = math.hypot(north_m, east_m) - 1.5 * speed_m_s * (here.time_boot_s - before.time_boot_s)
+        jump_m = moved_m - 1.5 * speed_m_s * (here.time_boot_s - before.time_boot_s)
         if jump_m > WATCH.jump_m:
             self._note(Ending.GPS_LOST, f"the vehicle's position jumped by {jump_m:.0f} m")
 

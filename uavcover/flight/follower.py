@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection
 
 from mission_io.autopilots.autopilot import Mode
 from mission_io.errors import CommandRefusedError, VehicleSilentError
+from mission_io.model.places import ground_distance_m
 from mission_io.wire import messages as m
 from uavcover.flight.arming import send_disarm
 from uavcover.flight.mission_guard import ModeOverride
@@ -17,8 +18,6 @@ from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Stopped, TakenOverError, Timer, continue_mission, hold_mode, set_mode
 from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
-
-_METRES_PER_DEGREE = 111_320.0
 
 
 class Follower:
@@ -404,7 +403,7 @@ class Stillness:
         self.timeout_s = timeout_s
         self._session = session
         self._timer = Timer(session, timeout_s)
-        self._seen: tuple[int, float, float, float] | None = None
+        self._seen: tuple[int, m.GlobalPositionInt] | None = None
 
     def restart(self) -> None:
         """Begin anew."""
@@ -418,10 +417,14 @@ class Stillness:
         position = monitor.latest(m.GlobalPositionInt)
         if position is None:
             return self._timer.over
-        north = position.lat_deg * _METRES_PER_DEGREE
-        east = position.lon_deg * _METRES_PER_DEGREE * math.cos(math.radians(position.lat_deg))
-        now = (monitor.current_seq, east, north, position.alt_amsl_m)
-        if self._seen is None or self._seen[0] != now[0] or math.dist(self._seen[1:], now[1:]) > FOLLOWING.moved_m:
-            self._seen = now
+        if self._seen is None or self._seen[0] != monitor.current_seq or self._moved_m(position) > FOLLOWING.moved_m:
+            self._seen = (monitor.current_seq, position)
             self._timer.restart()
         return self._timer.over
+
+    def _moved_m(self, here: m.GlobalPositionInt) -> float:
+        if self._seen is None:
+            return 0.0
+        before = self._seen[1]
+        level_m = ground_distance_m(before.lat_deg, before.lon_deg, here.lat_deg, here.lon_deg)
+        return math.hypot(level_m, here.alt_amsl_m - before.alt_amsl_m)

@@ -10,6 +10,7 @@ from enum import Enum
 import numpy as np
 
 from mission_io.model.items import Command, GeoPoint
+from mission_io.model.places import ground_distance_m
 from mission_io.wire import messages as m
 from uavcover.flight.orders import FlightPlan
 from uavcover.flight.session import Session, Timer
@@ -205,12 +206,11 @@ class HoldWatch:
     @property
     def drift_m(self) -> float:
         """Distance from the held position; 0 before the vehicle has come to rest."""
-        here = self._session.monitor.latest(m.GlobalPositionInt)
-        if here is None or self._place is None:
+        here, place = self._session.monitor.latest(m.GlobalPositionInt), self._place
+        if here is None or place is None:
             return 0.0
-        north_m = (here.lat_deg - self._place.lat_deg) * 111_320.0
-        east_m = (here.lon_deg - self._place.lon_deg) * 111_320.0 * math.cos(math.radians(here.lat_deg))
-        return math.hypot(north_m, east_m, here.alt_amsl_m - self._place.alt_amsl_m)
+        level_m = ground_distance_m(place.lat_deg, place.lon_deg, here.lat_deg, here.lon_deg)
+        return math.hypot(level_m, here.alt_amsl_m - place.alt_amsl_m)
 
     def _drifts(self) -> bool:
         watch = self._session.watch
