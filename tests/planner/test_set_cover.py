@@ -171,6 +171,7 @@ def test_a_cover_takes_a_finer_lattice_only_while_there_is_time_for_it(dome, mon
     (finest,) = made_with(lambda: math.inf)
     assert made_with(lambda: 1.0)[-1] == finest
     first = made_with(lambda: 1.0)[0]
+    assert made_with(lambda: -1.0) == [first]
     seconds = itertools.count()
     assert made_with(lambda: 6.0 - next(seconds)) == [first]
     assert first > finest
