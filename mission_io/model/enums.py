@@ -158,7 +158,7 @@ class ParamType(IntEnum):
 
 
 class Capability(IntFlag):
-    """How an autopilot sends whole numbers as parameters (MAV_PROTOCOL_CAPABILITY)."""
+    """The ways in which autopilots send whole numbers as parameters (MAV_PROTOCOL_CAPABILITY)."""
 
     PARAM_ENCODE_BYTEWISE = 0x10
     """By their bits."""
