@@ -193,6 +193,8 @@ def test_what_comes_often_enough_on_the_second_asking_is_flown_with(monkeypatch:
 class Telling:
     """A session in which every half second so many messages of each kind arrive."""
 
+    is_px4, is_ardupilot = True, False
+
     def __init__(self, **per_half_second: int) -> None:
         self.asked: list[type[m.Message]] = []
         self.timeouts = FlightTimeouts()
