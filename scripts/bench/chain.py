@@ -30,8 +30,7 @@ from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoi
 from scripts.options import file_to_write
 from uavcover.mock.server import BackgroundMock
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 

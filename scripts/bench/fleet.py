@@ -9,9 +9,8 @@ import time
 
 from scripts.options import scenario_name, whole_numbers
 from uavcover.missions.flights import compile_flights
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
-from uavcover.planner.fleet_document import fleet_document
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
+from uavcover.planner.plan_files import fleet_document
 from uavcover.scenario.site import load_site
 from uavcover.scenario.vehicles import on_pads
 

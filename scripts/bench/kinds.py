@@ -46,8 +46,15 @@ from tests.terrain_kinds import KINDS, SENSORS, write_scenario
 from uavcover.errors import UavcoverError
 from uavcover.missions.objectives import judge_member
 from uavcover.model.route import Route
-from uavcover.planner.baselines.boustrophedon import evaluated, fly_rows, scanned_rows
-from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
+from uavcover.planner.baselines.boustrophedon import (
+    evaluated,
+    fly_layout,
+    fly_rows,
+    long_side_angle_rad,
+    regular_layout,
+    scanned_rows,
+    width_across_m,
+)
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import finer_map, judging_map

@@ -10,7 +10,7 @@ from mission_io.model.items import MissionItem
 from tests.planner.sites import ORIGIN
 from uavcover.missions.mission_compiler import CompiledMission, compile_mission
 from uavcover.model.route import Route
-from uavcover.planner.baselines.swaths import fly_layout, regular_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.scenario.site import Site
 
 HOME = (-100.0, 50.0)

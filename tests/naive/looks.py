@@ -1,4 +1,4 @@
-"""Slow twin of :mod:`uavcover.sensing.looks`: one pair of photos after the other."""
+"""Slow twin of :mod:`uavcover.sensing.pictures`: one pair of photos after the other."""
 
 import math
 

@@ -8,8 +8,7 @@ import pytest
 
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.kernels.arrays import IntArray
-from uavcover.optimizers.imodbo_niching import ImodboNiching
-from uavcover.optimizers.niching import NichePool
+from uavcover.optimizers.imodbo_niching import ImodboNiching, NichePool
 
 PROBLEM = PROBLEMS["MMF1_e"]
 LOCAL = PROBLEMS["MMF15_l"]

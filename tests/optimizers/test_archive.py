@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tests.naive.dominance import dominates
-from uavcover.optimizers.archive import Archive
+from uavcover.optimizers.ask_tell import Archive
 from uavcover.optimizers.interface import Solutions
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.optimizers.problems import minimise
 from uavcover.optimizers import ALGORITHMS, DBO
-from uavcover.optimizers.dung_beetle_moves import area_around
+from uavcover.optimizers.imodbo import area_around
 
 
 def shifted(x):

@@ -13,7 +13,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "optimizers.md"
     [
         "uavcover.kernels.dominance",
         "uavcover.optimizers.imodbo",
-        "uavcover.optimizers.rivals.mogwo",
+        "uavcover.optimizers.rivals",
         "uavcover.optimizers.indicators",
         "uavcover.optimizers.pymoo.adapters",
     ],

@@ -7,8 +7,7 @@ import pytest
 
 from tests.optimizers.problems import two_spheres
 from uavcover.optimizers import IMODBO, MODBO
-from uavcover.optimizers.dung_beetle_moves import dynamic_deflection, dynamic_step
-from uavcover.optimizers.imodbo import group_sizes
+from uavcover.optimizers.imodbo import dynamic_deflection, dynamic_step, group_sizes
 from uavcover.optimizers.interface import Solutions, survivors
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.optimizers.given_numbers import GivenNumbers, near
-from uavcover.optimizers import dung_beetle_moves as moves
+from uavcover.optimizers import imodbo as moves
 
 X, PREVIOUS, WORST = np.array([[1.0, -2.0]]), np.array([[2.0, 4.0]]), np.array([[3.0, -5.0]])
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.optimizers.given_numbers import GivenNumbers
-from uavcover.optimizers.rivals.mogwo import LeaderChoice, cells, thinned
+from uavcover.optimizers.rivals import LeaderChoice, cells, thinned
 
 
 def test_borders_are_at_equal_steps_over_the_widened_range():

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from tests.optimizers.given_numbers import GivenNumbers, near
-from uavcover.optimizers.rivals.mogwo import encircle
-from uavcover.optimizers.rivals.mossa import beware, produce, scrounge
-from uavcover.optimizers.rivals.mowoa import swim
+from uavcover.optimizers.rivals import beware, encircle, produce, scrounge, swim
 
 X = np.array([[1.0, -2.0]])
 LEADER = np.array([[3.0, 4.0]])

@@ -11,8 +11,7 @@ import pytest
 from tests.planner.sites import SQUARE, hills, make_site
 from uavcover.model.route import Route
 from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, bend_lines, fly_bent, simple_lines, tight_lines
-from uavcover.planner.baselines.boustrophedon import best_height_agl_m
-from uavcover.planner.baselines.swaths import SwathLayout, regular_layout, width_across_m
+from uavcover.planner.baselines.boustrophedon import SwathLayout, best_height_agl_m, regular_layout, width_across_m
 from uavcover.scenario.site import Site
 
 STRIP = ((0.0, 0.0), (400.0, 0.0), (400.0, 30.0), (0.0, 30.0))

@@ -13,11 +13,10 @@ from tests.planner.test_memetic import make_plan
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.search.closing import closed_beginning, closed_end, with_gaps_closed
-from uavcover.planner.search.route_judge import RouteJudge
-from uavcover.planner.search.starts import SearchStart
+from uavcover.planner.search.local_search import SearchStart
+from uavcover.planner.search.route_problem import RouteJudge
 from uavcover.planner.search.tuning import TUNED
 from uavcover.sensing.site_maps import judging_map
 

@@ -7,7 +7,7 @@ from tests.planner.sites import flat, hills, make_site
 from uavcover.errors import ScenarioError
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import SphereSensor
-from uavcover.planner.baselines.boustrophedon import boustrophedons, plain_boustrophedon
+from uavcover.planner.baselines.boustrophedon import boustrophedons, fly_layout, plain_boustrophedon
 from uavcover.planner.baselines.contour_lines import (
     NAME,
     TUNED,
@@ -18,7 +18,6 @@ from uavcover.planner.baselines.contour_lines import (
     plain_layout,
 )
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
-from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.sensing.site_maps import planning_map
 

@@ -9,8 +9,8 @@ import shapely
 
 from tests.terrain_kinds import SENSORS, Kind, flat, write_kind
 from uavcover.missions.leg_checks import measure_violations
+from uavcover.planner.baselines.boustrophedon import width_across_m
 from uavcover.planner.baselines.cut_lines import cut_lines, cut_pieces, needs_cuts, ordered_route
-from uavcover.planner.baselines.swaths import width_across_m
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site, load_site
 

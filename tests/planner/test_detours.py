@@ -7,7 +7,7 @@ import shapely
 from tests.planner.sites import flat, hills, make_site, tower
 from uavcover.missions.leg_checks import find_problems, measure_violations
 from uavcover.model.limits import Obstacles
-from uavcover.planner.baselines.swaths import fly_layout, regular_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.terrain_following import around_obstacles, lay_over_terrain
 
 MAST = tower(140, 60, 160, 140, 150, name="mast")

@@ -4,8 +4,8 @@ import pytest
 from tests.planner.sites import ORIGIN, hills, make_site
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.sensor import SphereSensor
-from uavcover.planner.encodings import WaypointEncoding, allowed_band_m
-from uavcover.planner.terrain_following import finite_heights, lay_over_terrain
+from uavcover.planner.search.optimizer_search import WaypointEncoding
+from uavcover.planner.terrain_following import allowed_band_m, finite_heights, lay_over_terrain
 from uavcover.scenario.site import Site
 
 SPHERE = SphereSensor(kind="sphere", range_m=150.0)

@@ -7,14 +7,17 @@ import pytest
 
 from tests.planner.sites import flat, hills, make_site
 from uavcover.planner.baselines.boustrophedon import (
-    PLAIN_TOLERANCE_M,
     best_height_agl_m,
     boustrophedons,
     evaluated,
     fewest_lines,
+    fly_layout,
+    is_same_direction,
+    long_side_angle_rad,
+    regular_layout,
     taken,
 )
-from uavcover.planner.baselines.swaths import fly_layout, is_same_direction, long_side_angle_rad, regular_layout
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M
 from uavcover.sensing.site_maps import planning_map
 
 WIDE = ((0.0, 0.0), (900.0, 100.0), (800.0, 700.0), (100.0, 600.0))

@@ -18,7 +18,7 @@ from uavcover.planner.baselines.adaptive_swaths import (
     can_be_adapted,
     simple_lines,
 )
-from uavcover.planner.baselines.swaths import fly_layout, regular_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.front import MOST_MEMBERS, Candidate, Finish, gains_of, parts_of, thinned
 from uavcover.planner.search.optimizer_search import Effort
 from uavcover.planner.selection_rule import parse_rule, select

@@ -8,8 +8,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.sensor import FrameCamera, SphereSensor
-from uavcover.planner.gap_route import plan_closing_route
-from uavcover.planner.viewpoints import MissingCells
+from uavcover.planner.gap_route import MissingCells, plan_closing_route
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import inside_every_heading

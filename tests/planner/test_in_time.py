@@ -19,9 +19,9 @@ from uavcover.cli.console import Interrupts
 from uavcover.errors import StageOver
 from uavcover.model.limits import NoFly
 from uavcover.planner.budget import CommandTime
-from uavcover.planner.mission_sizes import with_sizes
 from uavcover.planner.plan_search import SearchRequest, plan, plan_and_site
 from uavcover.planner.search.optimizer_search import SearchProgress
+from uavcover.planner.selection_rule import with_sizes
 
 EFFORT = {"evaluations": 40, "workers": 1, "algorithm": "memetic", "select": "coverage>=0.9"}
 

@@ -5,7 +5,7 @@ import pytest
 
 from tests.planner.sites import hills, make_site
 from uavcover.missions.leg_checks import find_problems
-from uavcover.planner.joining import in_good_order, joined
+from uavcover.planner.terrain_following import in_good_order, joined
 
 
 def cost(routes, home) -> float:

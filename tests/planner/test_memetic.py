@@ -20,10 +20,15 @@ from uavcover.model.vehicle import Wind
 from uavcover.planner.budget import SHARES
 from uavcover.planner.planner import Effort, SearchProgress, plan_routes
 from uavcover.planner.search.goal_search import LADDER, _next_stage, _thinned
-from uavcover.planner.search.local_search import CHAINS, PaceByClock, PaceByNumber
-from uavcover.planner.search.route_judge import OneAfterTheOther
-from uavcover.planner.search.route_problem import narrowed, route_problem, state_of
-from uavcover.planner.search.starts import SearchStart, best_starts, starts_worth_looking_at
+from uavcover.planner.search.local_search import (
+    CHAINS,
+    PaceByClock,
+    PaceByNumber,
+    SearchStart,
+    best_starts,
+    starts_worth_looking_at,
+)
+from uavcover.planner.search.route_problem import OneAfterTheOther, narrowed, route_problem, state_of
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_map

@@ -18,11 +18,10 @@ from uavcover.missions.flights import mission_size
 from uavcover.missions.objectives import judge
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import Fleet
-from uavcover.planner import mission_sizes
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
-from uavcover.planner.mission_sizes import with_sizes
+from uavcover.planner import selection_rule
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.pareto_file import ParetoRow, read_pareto
+from uavcover.planner.selection_rule import with_sizes
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
@@ -144,7 +143,7 @@ def test_of_a_large_set_the_chosen_and_the_least_crowded_are_cut(monkeypatch: py
     site = make_site(hills, vehicle={"endurance_s": 300.0})
     plan = plan_of(site, [there_and_back(site, lines=lines) for lines in (2, 3, 4, 5, 6, 8)])
     assert all(member.mission is not None for member in with_sizes(site, plan).members)
-    monkeypatch.setattr(mission_sizes, "_MOST_S", 0.5 * sum(mission_sizes._seconds(m, 1) for m in plan.members))
+    monkeypatch.setattr(selection_rule, "_MOST_S", 0.5 * sum(selection_rule._seconds(m, 1) for m in plan.members))
     some = with_sizes(site, plan)
     cut = [member for member in some.members if member.mission is not None]
     assert some.chosen in cut
@@ -182,7 +181,7 @@ def test_vehicles_fly_what_they_are_done_with_soonest() -> None:
 
 def test_conditions_choose_among_all_members(monkeypatch: pytest.MonkeyPatch) -> None:
     site = make_site(hills, vehicle={"endurance_s": 300.0})
-    monkeypatch.setattr(mission_sizes, "_MOST_S", 0.0)  # beside what the rule asks for none is cut
+    monkeypatch.setattr(selection_rule, "_MOST_S", 0.0)  # beside what the rule asks for none is cut
     assert (
         sum(member.mission is not None for member in with_sizes(site, several(site, "knee", 8, 6, 4, 2)).members) == 2
     )

@@ -15,8 +15,7 @@ from uavcover.kernels.search_problem import crosses_edge, flyable_ground, is_ins
 from uavcover.missions.leg_checks import find_problems, find_waypoint_problems, measure_violations
 from uavcover.model.limits import NoFly, Obstacles
 from uavcover.model.sensor import NadirCamera
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.gap_route import plan_closing_route
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area

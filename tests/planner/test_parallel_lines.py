@@ -11,12 +11,12 @@ from uavcover.errors import InputError, ScenarioError
 from uavcover.missions.flight_costs import mission_time_s
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import FrameCamera
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import (
+from uavcover.planner.baselines.boustrophedon import (
     angle_of_heading_rad,
     fly_layout,
     heading_of_angle_deg,
     long_side_angle_rad,
+    plain_boustrophedon,
 )
 from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.planner.planner import Effort, plan_routes

@@ -16,10 +16,9 @@ from uavcover.model.limits import Obstacles
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
 from uavcover.planner.baselines.boustrophedon import Baseline
-from uavcover.planner.encodings import WaypointEncoding
 from uavcover.planner.parallel_lines import any_reaches, first_lines, one_line_more
 from uavcover.planner.planner import Effort, SearchProgress, _takes_too_long, plan_routes
-from uavcover.planner.search.optimizer_search import rounds_of
+from uavcover.planner.search.optimizer_search import WaypointEncoding, rounds_of
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 

@@ -12,8 +12,7 @@ from tests.planner.test_planner import frozen
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.limits import Obstacles
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap

@@ -6,11 +6,9 @@ import pytest
 
 from tests.planner.sites import with_scenario
 from tests.terrain_kinds import write_scenario
-from uavcover.planner.baselines.boustrophedon import best_height_agl_m
-from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
+from uavcover.planner.baselines.boustrophedon import best_height_agl_m, fly_layout, long_side_angle_rad, regular_layout
+from uavcover.planner.search.local_search import SearchStart, counted_as_judged, search_problem
 from uavcover.planner.search.route_problem import RouteProblem, state_of
-from uavcover.planner.search.search_cells import counted_as_judged, search_problem
-from uavcover.planner.search.starts import SearchStart
 from uavcover.scenario.site import load_site
 from uavcover.sensing.site_maps import judging_map, planning_map
 

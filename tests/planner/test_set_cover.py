@@ -16,13 +16,17 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.planner.baselines import initial_routes
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planner.planner import Effort, plan_routes
-from uavcover.planner.set_cover.candidates import (
+from uavcover.planner.set_cover import (
     Candidates,
+    CoverProgram,
+    SolverEffort,
+    cut_down,
     finest_lattice_candidates,
+    greedy_cover,
     level_candidates,
     reduce,
+    searched_cover,
 )
-from uavcover.planner.set_cover.solvers import CoverProgram, SolverEffort, cut_down, greedy_cover, searched_cover
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 ALL = SolverEffort(time_s=30.0)

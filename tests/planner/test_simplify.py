@@ -15,9 +15,8 @@ from uavcover.missions.objectives import judge_member
 from uavcover.missions.way_cost import way_cost_of, waypoint_price_of
 from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera, SphereSensor
-from uavcover.planner.search.route_judge import SAFETY
-from uavcover.planner.search.route_problem import route_problem, state_of
-from uavcover.planner.search.simplify import simplified
+from uavcover.planner.final_changes import simplified
+from uavcover.planner.search.route_problem import SAFETY, route_problem, state_of
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.site_maps import judging_maps, planning_map

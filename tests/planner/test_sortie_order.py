@@ -16,9 +16,15 @@ from uavcover.model.route import Route
 from uavcover.model.vehicle import Fleet, PowerModel, Wind
 from uavcover.planner.final_choice import ChosenRoute, choose
 from uavcover.planner.selection_rule import parse_rule
-from uavcover.planner.sortie_order.order_costs import NO_LINK_S, OrderCosts
+from uavcover.planner.sortie_order.order_costs import (
+    NO_LINK_S,
+    OrderCosts,
+    Stretches,
+    first_place,
+    last_place,
+    stretches_of,
+)
 from uavcover.planner.sortie_order.reorder import OrderEffort, better_order, has_several_sorties, reordered
-from uavcover.planner.sortie_order.stretches import Stretches, first_place, last_place, stretches_of
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import judging_map, judging_maps

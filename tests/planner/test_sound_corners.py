@@ -7,7 +7,7 @@ from tests.missions.test_leg_checks import AROUND, obstacle_beside
 from tests.planner.sites import make_site
 from uavcover.missions.leg_checks import corner_excess_m, measure_violations
 from uavcover.model.route import Route
-from uavcover.planner.sound_corners import with_sound_corners
+from uavcover.planner.final_changes import with_sound_corners
 
 
 def test_a_route_without_unsound_corners_stays() -> None:

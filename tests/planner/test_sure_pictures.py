@@ -8,7 +8,7 @@ import pytest
 from scripts.bench.kinds import measure
 from tests.terrain_kinds import write_scenario
 from uavcover.model.route import Route
-from uavcover.planner.sure_pictures import LEAST_SPARE_M, surely, unsure_pictures, with_sure_pictures
+from uavcover.planner.final_changes import LEAST_SPARE_M, surely, unsure_pictures, with_sure_pictures
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.flown_line import line_flown
 from uavcover.sensing.site_maps import judging_map

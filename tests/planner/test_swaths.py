@@ -5,16 +5,18 @@ import pytest
 import shapely
 
 from tests.planner.sites import hills, make_site
-from uavcover.planner.baselines.boustrophedon import best_height_agl_m, boustrophedons, plain_boustrophedon
-from uavcover.planner.baselines.swaths import (
+from uavcover.planner.baselines.boustrophedon import (
     SwathLayout,
+    best_height_agl_m,
+    boustrophedons,
     edge_angles_rad,
     fly_layout,
     long_side_angle_rad,
+    plain_boustrophedon,
     regular_layout,
     width_across_m,
 )
-from uavcover.planner.encodings import SwathEncoding
+from uavcover.planner.search.optimizer_search import SwathEncoding
 from uavcover.sensing.coverage_map import CoverageMap
 
 L_SHAPE = ((0.0, 0.0), (300.0, 0.0), (300.0, 100.0), (100.0, 100.0), (100.0, 300.0), (0.0, 300.0))

@@ -11,8 +11,8 @@ from uavcover.errors import InputError, OptimizerError
 from uavcover.flight.connect import VehicleLink, connect, home_of, require_home
 from uavcover.missions.mission_files import compile_plan, export_text
 from uavcover.planner.command import PlanRequest, plan_into
-from uavcover.planner.plan_bounds import bounds as bounds_of
-from uavcover.planner.plan_bounds import least_length_m
+from uavcover.planner.plan_files import bounds as bounds_of
+from uavcover.planner.plan_files import least_length_m
 from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder

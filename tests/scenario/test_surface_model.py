@@ -10,8 +10,7 @@ from tests.scenario.surface_files import HOUSE, WOOD, ground_height_m, lon_lat, 
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.flight.vehicle_terrain import heights_of_site
 from uavcover.missions.flights import compile_flights
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap

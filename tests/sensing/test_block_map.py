@@ -11,10 +11,9 @@ from tests.sensing.test_blocks import hard_site
 from uavcover.errors import ScenarioError
 from uavcover.extras.bounds.bounds import are_quick, farthest_looks_m, least_path_length_m
 from uavcover.scenario.site import Site
-from uavcover.sensing import block_map
-from uavcover.sensing.block_map import BlockMap, in_blocks, look_at_all, look_at_block, one_after_the_other
+from uavcover.sensing import site_maps
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.site_maps import judging_map
+from uavcover.sensing.site_maps import BlockMap, in_blocks, judging_map, look_at_all, look_at_block, one_after_the_other
 
 
 def lines(site: Site) -> list[np.ndarray]:
@@ -28,8 +27,8 @@ def lines(site: Site) -> list[np.ndarray]:
 
 @pytest.fixture
 def of_blocks(monkeypatch: pytest.MonkeyPatch) -> Site:
-    monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 100)
-    monkeypatch.setattr(block_map, "_BLOCK_CELLS", 250)
+    monkeypatch.setattr(site_maps, "_MOST_AT_ONCE", 100)
+    monkeypatch.setattr(site_maps, "_BLOCK_CELLS", 250)
     site = in_blocks(hard_site())
     made = judging_map(site)
     assert isinstance(made, BlockMap)
@@ -70,14 +69,14 @@ def test_its_cells_are_made_only_when_they_are_asked_for(
     made = judging_map(of_blocks)
     rows, _ = whole.grid.cells.lattice.shape
     largest = 0
-    real = block_map.judging_block
+    real = site_maps.judging_block
 
     def watched(site: Site, wanted: range) -> CoverageMap:
         nonlocal largest
         largest = max(largest, len(wanted))
         return real(site, wanted)
 
-    monkeypatch.setattr(block_map, "judging_block", watched)
+    monkeypatch.setattr(site_maps, "judging_block", watched)
     least_path_length_m(made, 0.9)
     made.seen(lines(of_blocks)[0])
     assert 0 < largest < rows
@@ -132,8 +131,8 @@ def test_a_short_route_is_looked_at_where_it_is(of_blocks: Site, whole: Coverage
 def test_small_areas_and_those_with_too_many_cells_are_looked_at_in_one_piece(monkeypatch: pytest.MonkeyPatch) -> None:
     site = in_blocks(hard_site())
     assert not isinstance(judging_map(site), BlockMap)
-    monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 100)
-    monkeypatch.setattr(block_map, "MAX_CELLS", 200)
+    monkeypatch.setattr(site_maps, "_MOST_AT_ONCE", 100)
+    monkeypatch.setattr(site_maps, "MAX_CELLS", 200)
     monkeypatch.setattr("uavcover.sensing.cells.MAX_CELLS", 200)
     site = in_blocks(hard_site())
     with pytest.raises(
@@ -143,7 +142,7 @@ def test_small_areas_and_those_with_too_many_cells_are_looked_at_in_one_piece(mo
 
 
 def test_an_area_without_cells_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 0)
+    monkeypatch.setattr(site_maps, "_MOST_AT_ONCE", 0)
     # The centre of the only cell lies outside.
     site = make_site(hills, ring=((0.0, 0.0), (1.0, 0.0), (60.0, 59.0), (60.0, 60.0), (59.0, 60.0)), cell_m=150.0)
     site = in_blocks(site)

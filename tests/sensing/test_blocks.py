@@ -11,10 +11,9 @@ from uavcover.errors import ScenarioError
 from uavcover.model.limits import Obstacles
 from uavcover.scenario.site import Site
 from uavcover.sensing import coverage_map
-from uavcover.sensing.block_map import judging_block, row_blocks
 from uavcover.sensing.cells import lattice_shape, make_cells, make_sampled_cells
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.site_maps import judging_map
+from uavcover.sensing.site_maps import judging_block, judging_map, row_blocks
 
 HOLE = ((120.0, 60.0), (180.0, 60.0), (180.0, 120.0), (120.0, 120.0))
 TOWERS = Obstacles(prisms=(tower(40.0, 40.0, 70.0, 60.0, 30.0), tower(200.0, 100.0, 215.0, 170.0, 45.0)))

@@ -9,11 +9,10 @@ from scipy.spatial import cKDTree
 
 from tests.terrain_kinds import write_scenario
 from uavcover.model.scenario import Scenario
-from uavcover.planner.baselines.swaths import fly_layout, regular_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.block_map import judging_block, row_blocks
 from uavcover.sensing.cells import MOST_PLACES, evenness, is_judged_on_smaller_cells, judged_cell_size_m
-from uavcover.sensing.site_maps import finer_map, judging_map, judging_maps
+from uavcover.sensing.site_maps import finer_map, judging_block, judging_map, judging_maps, row_blocks
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.naive.looks import looks_by_pairs
-from uavcover.sensing.looks import looks_of
+from uavcover.sensing.pictures import looks_of
 
 DOWN = (0.0, 0.0, -1.0)
 

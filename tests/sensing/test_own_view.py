@@ -13,7 +13,7 @@ from uavcover.kernels.sight import local_slopes
 from uavcover.model.limits import Obstacle, Obstacles
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.observing import add_observations
+from uavcover.sensing.sensors import add_observations
 
 FRAME = FrameCamera(
     kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=150.0, pixels_across=4000,

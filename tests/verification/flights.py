@@ -10,7 +10,7 @@ from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
-from uavcover.planner.baselines.swaths import fly_layout, regular_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.verification.flown_route import PlannedRoute

@@ -11,7 +11,7 @@ from tests.verification.falsified import Falsify
 from tests.verification.honest import Weather, flown_by_the_mock
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
-from uavcover.planner.baselines.swaths import fly_layout, regular_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.verification.flown_route import PlannedRoute

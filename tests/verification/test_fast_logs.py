@@ -12,7 +12,7 @@ from tests.verification.honest import Weather, flown_by_the_mock
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track, TrackSample
 from uavcover.model.verdict import VerificationReport
-from uavcover.planner.baselines.swaths import fly_layout, regular_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.run import track_file
 from uavcover.run.track_file import TrackWriter, read_track_with_warnings
 from uavcover.scenario.site import Site

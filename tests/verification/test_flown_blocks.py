@@ -11,8 +11,7 @@ from tests.sensing.test_blocks import hard_site
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.site import Site
-from uavcover.sensing.block_map import judging_block, row_blocks
-from uavcover.sensing.site_maps import judging_map
+from uavcover.sensing.site_maps import judging_block, judging_map, row_blocks
 from uavcover.verification.flown_coverage import (
     CountedFlight,
     FlownCoverage,

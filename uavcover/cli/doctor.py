@@ -24,7 +24,7 @@ from uavcover.missions.flights import compile_flights
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.planner.gap_route import plan_closing_route
-from uavcover.planner.plan_bounds import bounds
+from uavcover.planner.plan_files import bounds
 from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.run.user import User
 from uavcover.scenario.site import Site, load_site

@@ -43,7 +43,7 @@ def select(
 
     from uavcover.errors import InputError
     from uavcover.model.vehicle import autopilot_name
-    from uavcover.planner.fleet_document import say_fleet
+    from uavcover.planner.plan_files import say_fleet
     from uavcover.planner.plan_words import (
         figures_header,
         figures_in_words,

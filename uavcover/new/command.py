@@ -39,12 +39,12 @@ from uavcover.new.survey import (
 )
 from uavcover.new.terrain_look import SurfaceLook, TerrainLook, look_at_terrain, place_for_home
 from uavcover.new.tuning import TERRAIN
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import (
+from uavcover.planner.baselines.boustrophedon import (
     angle_of_heading_rad,
     fly_layout,
     heading_of_angle_deg,
     long_side_angle_rad,
+    plain_boustrophedon,
 )
 from uavcover.run.user import User
 from uavcover.scenario.airspace.zone_file import read_zones

@@ -17,7 +17,9 @@ import numpy.typing as npt
 
 from uavcover.errors import InputError, OptimizerError, UavcoverError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.optimizers.ablations import (
+from uavcover.optimizers.ask_tell import Archive, AskTellOptimizer, Box, RandomSearch
+from uavcover.optimizers.dung_beetle_variants import (
+    DBO,
     ImodboMinusDynamicParameters,
     ImodboMinusLatinHypercube,
     ImodboMinusSineCosine,
@@ -27,16 +29,11 @@ from uavcover.optimizers.ablations import (
     ModboPlusLatinHypercube,
     ModboPlusSineCosine,
 )
-from uavcover.optimizers.archive import Archive
-from uavcover.optimizers.ask_tell import AskTellOptimizer, Box, RandomSearch
 from uavcover.optimizers.imodbo import IMODBO, MODBO
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 from uavcover.optimizers.interface import AskAndTell, ParetoSet, Solutions, finite_array, read_only
 from uavcover.optimizers.pymoo.adapters import MOEAD, NSGA2, adapted, pymoo_algorithm
-from uavcover.optimizers.rivals.dbo import DBO
-from uavcover.optimizers.rivals.mogwo import MOGWO
-from uavcover.optimizers.rivals.mossa import MOSSA
-from uavcover.optimizers.rivals.mowoa import MOWOA
+from uavcover.optimizers.rivals import MOGWO, MOSSA, MOWOA
 from uavcover.plugins import load, registered
 
 Returned = TypeVar("Returned")

@@ -2,6 +2,10 @@
 
 Both share one frame: four groups, one archive, survival of the better ones. The paper gives the moves but not the
 multi-objective frame around them. What is filled in here is written down, with the reasons, in docs/explanation/imodbo.md.
+
+Moves are equations 9-18 and 20-23 of the paper, one function per group of equations. Rows are beetles: ``(g, d)``, g = beetles
+of the group, d = variables. Results may lie outside the search space. Functions that need random numbers draw them from ``rng``
+in the order their docstring gives. Equation 19, the Latin hypercube, is `Box.latin_hypercube`.
 """
 
 from abc import abstractmethod
@@ -13,18 +17,197 @@ import numpy.typing as npt
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.dung_beetle_moves import (
-    Region,
-    area_around,
-    breeder,
-    disturbed_small_beetle,
-    dynamic_deflection,
-    dynamic_step,
-    roller,
-    small_beetle,
-    thief,
-)
 from uavcover.optimizers.interface import Solutions, survivors
+
+ROLLING_PROBABILITY = 0.9  # else the roller meets an obstacle and dances
+STRAIGHT_PROBABILITY = 0.9  # alpha = +1, else -1
+
+
+def roll(
+    x: FloatArray, previous: FloatArray, worst: FloatArray, alpha: FloatArray, *, k: float, b: float
+) -> FloatArray:
+    """A roller on a free way, Eq. 9 and 10.
+
+    Args:
+        x: ``(g, d)`` positions x(t).
+        previous: ``(g, d)`` positions x(t-1).
+        worst: ``(g, d)`` the bad position X^W each one walks away from.
+        alpha: ``(g, 1)`` +1 or -1.
+        k: deflection coefficient.
+        b: step size coefficient.
+
+    Returns:
+        ``(g, d)`` positions x(t+1).
+    """
+    light = np.abs(x - worst)  # Eq. 10
+    return x + alpha * k * previous + b * light  # Eq. 9
+
+
+def dance(x: FloatArray, previous: FloatArray, degrees: FloatArray) -> FloatArray:
+    """A roller before an obstacle, Eq. 11; it stays where it is at 0, 90 and 180 degrees.
+
+    Args:
+        x: ``(g, d)`` positions x(t).
+        previous: ``(g, d)`` positions x(t-1).
+        degrees: ``(g, 1)`` theta, 0 to 180 degrees.
+
+    Returns:
+        ``(g, d)`` positions x(t+1).
+    """
+    moves = degrees % 90 != 0
+    slope = np.tan(np.radians(np.where(moves, degrees, 0.0)))
+    moved: FloatArray = x + slope * np.abs(x - previous)  # Eq. 11
+    return moved
+
+
+def roller(
+    x: FloatArray, previous: FloatArray, worst: FloatArray, *, k: float, b: float, rng: np.random.Generator
+) -> FloatArray:
+    """Rollers, each with its own chance to roll (Eq. 9) or to dance (Eq. 11).
+
+    Draws ``random((g, 1))`` for roll or dance, ``random((g, 1))`` for alpha, ``integers(0, 181, (g, 1))`` for theta:
+    whole degrees, so that the angles at which Eq. 11 does not move do occur.
+
+    Args:
+        x: ``(g, d)`` positions x(t).
+        previous: ``(g, d)`` positions x(t-1).
+        worst: ``(g, d)`` X^W of each.
+        k: deflection coefficient.
+        b: step size coefficient.
+        rng: source of random numbers.
+
+    Returns:
+        ``(g, d)`` positions x(t+1).
+    """
+    each = (len(x), 1)
+    rolls = rng.random(each) < ROLLING_PROBABILITY
+    alpha = np.where(rng.random(each) < STRAIGHT_PROBABILITY, 1.0, -1.0)
+    degrees = rng.integers(0, 181, each).astype(np.float64)
+    return np.where(rolls, roll(x, previous, worst, alpha, k=k, b=b), dance(x, previous, degrees))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """The region around a good position in which eggs are laid or food is looked for; both ``(g, d)``."""
+
+    lower: FloatArray
+    upper: FloatArray
+
+
+def area_around(centre: FloatArray, lower: FloatArray, upper: FloatArray, *, t: int, t_max: int) -> Region:
+    """Oviposition area around X* (Eq. 12, 13) or foraging area around X^b (Eq. 15, 16).
+
+    R = 1 - t/Tmax as in the original dung beetle paper; the (1 - t)/Tmax printed here is negative from t = 2 on. The
+    two ends are ordered before clipping: for negative coordinates X(1-R) is the larger one.
+
+    Args:
+        centre: ``(g, d)`` X* or X^b, inside the bounds.
+        lower: ``(d,)`` Lb of the search space.
+        upper: ``(d,)`` Ub of the search space.
+        t: iteration.
+        t_max: the last iteration.
+    """
+    radius = 1 - t / t_max
+    one, other = centre * (1 - radius), centre * (1 + radius)
+    return Region(
+        lower=np.maximum(np.minimum(one, other), lower),  # Eq. 12, 15
+        upper=np.minimum(np.maximum(one, other), upper),  # Eq. 13, 16
+    )
+
+
+def breeder(x: FloatArray, best: FloatArray, area: Region, *, rng: np.random.Generator) -> FloatArray:
+    """Brood balls laid around X*, Eq. 14. Draws ``random((g, d))`` for b1, then for b2.
+
+    Args:
+        x: ``(g, d)`` positions B(t).
+        best: ``(g, d)`` X* of each.
+        area: its oviposition area.
+        rng: source of random numbers.
+
+    Returns:
+        ``(g, d)`` positions B(t+1).
+    """
+    b1, b2 = rng.random(x.shape), rng.random(x.shape)
+    return best + b1 * (x - area.lower) + b2 * (x - area.upper)  # Eq. 14
+
+
+def small_beetle(x: FloatArray, area: Region, *, rng: np.random.Generator) -> FloatArray:
+    """Small beetles looking for food, Eq. 17. Draws ``standard_normal((g, 1))`` for C1, ``random((g, d))`` for C2.
+
+    Args:
+        x: ``(g, d)`` positions x(t).
+        area: ``(g, d)`` foraging area of each.
+        rng: source of random numbers.
+
+    Returns:
+        ``(g, d)`` positions x(t+1).
+    """
+    c1, c2 = rng.standard_normal((len(x), 1)), rng.random(x.shape)
+    return x + c1 * (x - area.lower) + c2 * (x - area.upper)  # Eq. 17
+
+
+def disturbed_small_beetle(x: FloatArray, area: Region, *, t: int, t_max: int, rng: np.random.Generator) -> FloatArray:
+    """Small beetles with the sine-cosine disturbance, Eq. 22 and 23.
+
+    Draws what `small_beetle` draws, then ``random((g, 1))`` for r2 / (2 pi) and ``random((g, 1))`` for r3 / 2.
+
+    Args:
+        x: ``(g, d)`` positions x(t).
+        area: ``(g, d)`` foraging area of each.
+        t: iteration.
+        t_max: the last iteration.
+        rng: source of random numbers.
+
+    Returns:
+        ``(g, d)`` positions x(t+1).
+    """
+    walked = small_beetle(x, area, rng=rng)
+    r2, r3 = 2 * np.pi * rng.random((len(x), 1)), 2 * rng.random((len(x), 1))
+    delta = sine_cosine_disturbance(r2, r3, t=t, t_max=t_max)
+    return walked + 0.1 * delta * (area.upper - area.lower)  # Eq. 23
+
+
+def sine_cosine_disturbance(r2: FloatArray, r3: FloatArray, *, t: int, t_max: int) -> FloatArray:
+    """delta(t), Eq. 22: sine in the first third, both in the middle, cosine in the last; r2, r3 ``(g, 1)``."""
+    if 3 * t < t_max:
+        return disturbance_decay(t, t_max) * np.sin(r2) * r3  # Eq. 22, first case
+    if 3 * t <= 2 * t_max:
+        return disturbance_decay(t, t_max) * (np.sin(r2) + np.cos(r2)) / 2 * r3  # Eq. 22, second case
+    return disturbance_decay(t, t_max) * np.cos(r2) * r3  # Eq. 22, third case
+
+
+def thief(x: FloatArray, best: FloatArray, leader: FloatArray, *, s: float, rng: np.random.Generator) -> FloatArray:
+    """Thieves around the food X^b, Eq. 18. Draws ``standard_normal((g, d))`` for g.
+
+    Args:
+        x: ``(g, d)`` positions x(t).
+        best: ``(g, d)`` X* of each.
+        leader: ``(g, d)`` X^b of each.
+        s: the constant S.
+        rng: source of random numbers.
+
+    Returns:
+        ``(g, d)`` positions x(t+1).
+    """
+    g = rng.standard_normal(x.shape)
+    stolen: FloatArray = leader + s * g * (np.abs(x - best) + np.abs(x - leader))  # Eq. 18
+    return stolen
+
+
+def dynamic_step(t: int, t_max: int) -> float:
+    """b(t), Eq. 20: 0.4 at the start, falling as a Gaussian."""
+    return float(0.4 * np.exp(-((5 * t / t_max) ** 2)))  # Eq. 20
+
+
+def dynamic_deflection(t: int, t_max: int) -> float:
+    """k(t), Eq. 21: from 0.5 to 0.6, outside the (0, 0.2] that belongs to Eq. 9, as printed."""
+    return 0.5 + 0.1 * t / t_max  # Eq. 21
+
+
+def disturbance_decay(t: int, t_max: int) -> float:
+    """a(t) of Eq. 22: from 2 to 1."""
+    return 2 - t / t_max
+
 
 # Percentages: rollers, breeders, small beetles, thieves; from the 6, 6, 7 and 11 of 30 of the single-objective DBO.
 GROUP_SHARES: Final = (20, 20, 25, 35)

@@ -20,10 +20,8 @@ from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planner.budget import SHARES, CommandTime, StageTimes
-from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.fleet_parts import part_sites
-from uavcover.planner.plan_bounds import bounds, least_length_m
-from uavcover.planner.plan_files import save_plan
+from uavcover.planner.plan_files import bounds, fleet_document, least_length_m, save_plan, say_fleet
 from uavcover.planner.plan_search import SearchRequest, plan_and_site
 from uavcover.planner.plan_words import (
     progress_in_words,
@@ -48,9 +46,8 @@ from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicles import groups_of, own_sensors, vehicle_sites
-from uavcover.sensing.block_map import is_large
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
-from uavcover.sensing.site_maps import judging_map, planning_map
+from uavcover.sensing.site_maps import is_large, judging_map, planning_map
 from uavcover.terrain.elevation_trust import trust_asked_for
 
 _QUICK_BOUNDS_S = 0.5

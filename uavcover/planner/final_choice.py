@@ -14,15 +14,13 @@ from uavcover.missions.flight_costs import flight_costs_along_transits
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
+from uavcover.planner.final_changes import simplified, surely, with_sound_corners
 from uavcover.planner.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
 from uavcover.planner.search.closing import with_gaps_closed
-from uavcover.planner.search.route_judge import with_safety
-from uavcover.planner.search.simplify import simplified
+from uavcover.planner.search.route_problem import with_safety
 from uavcover.planner.search.tuning import TUNED
 from uavcover.planner.selection_rule import Rule, select, without_flukes
 from uavcover.planner.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
-from uavcover.planner.sound_corners import with_sound_corners
-from uavcover.planner.sure_pictures import surely
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import finer_map, judging_maps

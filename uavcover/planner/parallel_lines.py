@@ -17,21 +17,22 @@ from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.sensor import Sensor
 from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, ample_lines, can_be_adapted, simple_lines
-from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m
-from uavcover.planner.baselines.contour_lines import NAME as CONTOUR_NAME
-from uavcover.planner.baselines.contour_lines import ContourLayout, fly_contours, layouts_to_try
-from uavcover.planner.baselines.swaths import (
+from uavcover.planner.baselines.boustrophedon import (
     SwathLayout,
     angle_of_heading_rad,
+    best_height_agl_m,
     fly_layout,
     long_side_angle_rad,
     regular_layout,
     width_across_m,
 )
+from uavcover.planner.baselines.contour_lines import NAME as CONTOUR_NAME
+from uavcover.planner.baselines.contour_lines import ContourLayout, fly_contours, layouts_to_try
 from uavcover.planner.final_choice import choose
 from uavcover.planner.front import NamedRoute, judge_members
 from uavcover.planner.search.optimizer_search import Effort
 from uavcover.planner.selection_rule import parse_rule
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_map

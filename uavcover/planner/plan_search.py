@@ -20,14 +20,13 @@ from uavcover.optimizers.by_name import ALGORITHMS
 from uavcover.planner.budget import SHARES, CommandTime, StageTimes
 from uavcover.planner.fleet_parts import plan_parts
 from uavcover.planner.fleet_shares import is_one_flight_each, plan_in_shares
-from uavcover.planner.mission_sizes import with_sizes
 from uavcover.planner.planner import Effort, SearchProgress, plan_in_time
-from uavcover.planner.selection_rule import parse_rule
+from uavcover.planner.selection_rule import parse_rule, with_sizes
 from uavcover.plugins import loaded
 from uavcover.run.user import StopRequests
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import groups_of, on_pads
-from uavcover.sensing.block_map import in_blocks
+from uavcover.sensing.site_maps import in_blocks
 
 _log = logging.getLogger(__name__)
 

@@ -22,14 +22,14 @@ from uavcover.planner.baselines import cut_lines
 from uavcover.planner.baselines.boustrophedon import (
     TUNED,
     Baseline,
+    SwathLayout,
     fewest_lines,
+    long_side_angle_rad,
     taken,
 )
 from uavcover.planner.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
-from uavcover.planner.baselines.swaths import SwathLayout, long_side_angle_rad
 from uavcover.planner.budget import SHARES, StageTimes
-from uavcover.planner.encodings import SwathEncoding, WaypointEncoding
 from uavcover.planner.final_choice import choose, choose_at_once
 from uavcover.planner.front import (
     Candidate,
@@ -46,6 +46,8 @@ from uavcover.planner.search.optimizer_search import (
     Searched,
     SearchProgress,
     SearchRun,
+    SwathEncoding,
+    WaypointEncoding,
     rounds_of,
     search,
 )

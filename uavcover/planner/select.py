@@ -9,11 +9,9 @@ from uavcover.missions.objectives import judge_route
 from uavcover.missions.sorties import Sortie
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
-from uavcover.planner.fleet_document import fleet_document
-from uavcover.planner.mission_sizes import with_sizes
 from uavcover.planner.pareto_file import read_pareto, read_pareto_routes
-from uavcover.planner.plan_files import save_plan
-from uavcover.planner.selection_rule import parse_rule, select
+from uavcover.planner.plan_files import fleet_document, save_plan
+from uavcover.planner.selection_rule import parse_rule, select, with_sizes
 from uavcover.run.documents import read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site

@@ -17,7 +17,7 @@ from uavcover.kernels.sight import RAY, widest_tangent
 from uavcover.kernels.skyline import NO_SKYLINES, skylines
 from uavcover.model.area import RasterTerrain, SineCosineTerrain
 from uavcover.scenario.site import Site, once
-from uavcover.sensing.observing import sight_for_cells
+from uavcover.sensing.sensors import sight_for_cells
 from uavcover.terrain.ground import Ground
 
 MOST_PLACES = 160_000

@@ -21,10 +21,15 @@ from uavcover.kernels.sight import Sight
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
-from uavcover.sensing import observing
+from uavcover.sensing import sensors
 from uavcover.sensing.cells import CellGrid, make_cells
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
-from uavcover.sensing.sensors import sample_spacing_m, trial_places, trigger_distance_m, turns_with_legs
+from uavcover.sensing.sensors import (
+    sample_spacing_m,
+    trial_places,
+    trigger_distance_m,
+    turns_with_legs,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,7 +227,7 @@ class CoverageMap:
         surface, wanted = self.site.ground.surface, self.site.scenario.requirements
         if self.site.scenario.sensor.has_own_view:
             looks = wanted.looks, wanted.look_distance_m or 0.0
-            return observing.seen_often(self.site, self.grid.cells, observations.places_m, observations.headings, looks)
+            return sensors.seen_often(self.site, self.grid.cells, observations.places_m, observations.headings, looks)
         if wanted.look_distance_m is not None:
             return kernels.seen_often(
                 surface,
@@ -358,5 +363,5 @@ def sees_each(
     places_m = np.ascontiguousarray(observations.places_m)
     centre_m, normal = cells.centre_m[cell_numbers], cells.normal[cell_numbers]
     if sight is coverage.sight and site.scenario.sensor.has_own_view:
-        return observing.sees_each(site, places_m, observations.headings, centre_m, normal)
+        return sensors.sees_each(site, places_m, observations.headings, centre_m, normal)
     return kernels.sees_each(site.ground.surface, sight, places_m, observations.headings, centre_m, normal)

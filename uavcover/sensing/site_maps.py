@@ -1,18 +1,33 @@
-"""The maps of a site, each built once: for the search, and for judging results."""
+"""The maps of a site, for the search and for judging, each built once; of a large area by blocks.
+
+A cell is the same in a block of rows as among all, and sees the same. What a plan needs of the cells of a large area is how much
+ground each has, whether it can be covered, and whether a route sees it: 9 bytes and a few bits a cell, in place of 70 and more,
+because their positions and slopes are never all in memory. A block is a task of its own, for any worker.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.cells import Cells
 from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicles import own_sensors, vehicle_sites
-from uavcover.sensing.block_map import BlockMap
 from uavcover.sensing.cells import (
+    MAX_CELLS,
+    CellGrid,
     cut_for,
     is_judged_on_smaller_cells,
     judged_cell_size_m,
+    lattice_shape,
     make_other_cells,
     make_refined_cells,
 )
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, RecentlySeen
 
 
 @once
@@ -118,3 +133,236 @@ def fleet_map(site: Site) -> CoverageMap:
         return judging_map(site)
     maps = [map_for(site, own) for own in vehicle_sites(site)]
     return judging_map(site).flown_from(site, np.logical_or.reduce([each.coverable for each in maps], axis=0))
+
+
+_MOST_AT_ONCE = 2_000_000
+"""With more places of the lattice a map is made of blocks. Below, all cells take less than the program itself."""
+_BLOCK_CELLS = 250_000
+
+Bits = np.ndarray[tuple[int], np.dtype[np.uint8]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockTask:
+    """Questions about a block of cells.
+
+    Attributes:
+        rows: of the lattice, from the first to before the last.
+        about_cells: whether to compute their ground, and which can be covered.
+        routes_m: each (n, 3) ENU; compute which cells they observe.
+    """
+
+    rows: tuple[int, int]
+    about_cells: bool
+    routes_m: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockLook:
+    """Answers about a block of cells.
+
+    Attributes:
+        count: of cells.
+        weight_m2: (count,) as in :class:`CellGrid`; empty where it was not asked for.
+        hidden_m2: as in :class:`CellGrid`; 0 where it was not requested.
+        coverable: (count,) packed; empty where it was not requested.
+        seen: for each route (count,) packed.
+    """
+
+    count: int
+    weight_m2: FloatArray
+    hidden_m2: float
+    coverable: Bits
+    seen: tuple[Bits, ...]
+
+
+RunBlocks = Callable[[Site, Sequence[BlockTask]], Iterator[tuple[BlockTask, BlockLook]]]
+"""Look at blocks of a site: each task with what was found, in any order."""
+
+
+def look_at_block(site: Site, task: BlockTask) -> BlockLook:
+    """Look at a block: a function of its arguments alone."""
+    block = judging_block(site, range(*task.rows))
+    grid, nothing = block.grid, np.zeros(0)
+    seen = tuple(np.packbits(seen_nearby(block, route)) for route in task.routes_m)
+    if not task.about_cells:
+        return BlockLook(grid.count, nothing, 0.0, nothing.astype(np.uint8), seen)
+    return BlockLook(grid.count, grid.weight_m2, grid.hidden_m2, np.packbits(block.coverable), seen)
+
+
+def seen_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
+    """As :meth:`CoverageMap.seen`, of a route most of which is too far away to see any of the cells."""
+    looks = block.flown_observations(route_m)
+    near = np.zeros(len(looks), dtype=bool)
+    if block.grid.count:
+        centre_m, halo_m = block.grid.cells.centre_m, block.site.scenario.sensor.reach_m + 1.0
+        near = np.all(
+            (looks.places_m[:, :2] >= centre_m[:, :2].min(axis=0) - halo_m)
+            & (looks.places_m[:, :2] <= centre_m[:, :2].max(axis=0) + halo_m),
+            axis=1,
+        )
+    if not near.any():
+        return np.zeros(block.grid.count, dtype=bool)
+    return block.seen_by(LevelObservations(looks.places_m[near], looks.headings[near]))
+
+
+def one_after_the_other(site: Site, tasks: Sequence[BlockTask]) -> Iterator[tuple[BlockTask, BlockLook]]:
+    """Look at blocks here and now."""
+    for task in tasks:
+        yield task, look_at_block(site, task)
+
+
+class _GridOfBlocks(CellGrid):
+    """The ground of the cells; the cells themselves are made when somebody asks for them."""
+
+    _site: Site
+
+    def __init__(self, site: Site, weight_m2: FloatArray, hidden_m2: float) -> None:
+        for name, value in (("weight_m2", weight_m2), ("hidden_m2", hidden_m2), ("_site", site)):
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def cells(self) -> Cells:
+        rows, _ = lattice_shape(self._site, judged_cell_size_m(self._site))
+        return judging_block(self._site, range(rows)).grid.cells
+
+    @property
+    def size_m(self) -> float:
+        return judged_cell_size_m(self._site)
+
+
+def judging_block(site: Site, rows: range) -> CoverageMap:
+    """Some rows of the lattice of a judging map, which each see the same as among all; not kept."""
+    return CoverageMap(site, cell_size_m=judged_cell_size_m(site), cut=functools.partial(cut_for(site), rows=rows))
+
+
+def row_blocks(site: Site, *, cells: int) -> list[range]:
+    """The rows of the lattice of a judging map, in blocks of at most ``cells`` points, or of one row."""
+    rows, columns = lattice_shape(site, judged_cell_size_m(site))
+    step = max(1, cells // columns)
+    return [range(first, min(first + step, rows)) for first in range(0, rows, step)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ground:
+    """All cells of a map of blocks: their ground, which can be covered, and how many each block has."""
+
+    grid: _GridOfBlocks
+    coverable: BoolArray
+    counts: tuple[int, ...]
+
+
+class BlockMap(CoverageMap):
+    """The cells that results are judged on, made of blocks of at most ``block_cells``, or of one row."""
+
+    def __init__(self, site: Site, block_cells: int) -> None:
+        self.site = site
+        self.sight = site.scenario.sensor.sight
+        self._recent = RecentlySeen()
+        self._ground: _Ground | None = None
+        self._rows = [(rows.start, rows.stop) for rows in row_blocks(site, cells=block_cells)]
+
+    @property
+    def grid(self) -> CellGrid:  # type: ignore[override]
+        """Its cells."""
+        return self._known_ground().grid
+
+    @property
+    def coverable(self) -> BoolArray:
+        """See :class:`CoverageMap`."""
+        return self._known_ground().coverable
+
+    def _known_ground(self) -> _Ground:
+        return self._ground or self._found((), one_after_the_other)[0]
+
+    def blocks(self) -> Iterator[CoverageMap]:
+        """Its blocks, one after the other."""
+        for rows in self._rows:
+            yield judging_block(self.site, range(*rows))
+
+    def seen(self, route_m: FloatArray) -> BoolArray:
+        """See :class:`CoverageMap`; at once where it was looked at before."""
+        packed = self._recent.get(route_m, lambda: self._found((route_m,), one_after_the_other)[1][0])
+        seen = _unpacked(packed, self.grid.count)
+        seen.flags.writeable = False
+        return seen
+
+    def seen_by(self, observations: LevelObservations) -> BoolArray:
+        """See :class:`CoverageMap`."""
+        return np.concatenate([block.seen_by(observations) for block in self.blocks()])
+
+    def first_seen(self, observations: LevelObservations) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+        """See :class:`CoverageMap`."""
+        return np.concatenate([block.first_seen(observations) for block in self.blocks()])
+
+    def look_at(self, routes_m: Sequence[FloatArray], by: RunBlocks) -> None:
+        """Find out what routes see, and what there is to see, once; kept for :meth:`seen`.
+
+        Args:
+            routes_m: each (n, 3) ENU.
+            by: who does it.
+        """
+        new = [route for route in routes_m if not self._recent.knows(route)]
+        if new or self._ground is None:
+            for route, packed in zip(new, self._found(tuple(new), by)[1], strict=True):
+                self._recent.keep(route, packed)
+
+    def _found(self, routes_m: tuple[FloatArray, ...], by: RunBlocks) -> tuple[_Ground, list[Bits]]:
+        """All cells; and for each route (cells,) whether it sees them, packed."""
+        ground = self._ground
+        about_cells = ground is None
+        near = {rows: tuple(k for k, route in enumerate(routes_m) if self._may_see(route, rows)) for rows in self._rows}
+        tasks = [
+            BlockTask(rows, about_cells, tuple(routes_m[k] for k in numbers))
+            for rows, numbers in near.items()
+            if numbers or about_cells
+        ]
+        found = {task.rows: look for task, look in by(self.site, tasks)}
+        if ground is None:
+            looks = [found[rows] for rows in self._rows]
+            weight_m2 = np.concatenate([look.weight_m2 for look in looks])
+            if not weight_m2.size:
+                # There is nothing to see: who makes the map in one piece says why.
+                CoverageMap(self.site, cell_size_m=judged_cell_size_m(self.site))
+            weight_m2.flags.writeable = False
+            hidden_m2 = math.fsum(look.hidden_m2 for look in looks)
+            coverable = np.concatenate([_unpacked(look.coverable, look.count) for look in looks])
+            grid = _GridOfBlocks(self.site, weight_m2, hidden_m2)
+            ground = self._ground = _Ground(grid, coverable, tuple(look.count for look in looks))
+        return ground, [
+            np.packbits(np.concatenate([
+                _unpacked(found[rows].seen[numbers.index(k)], count) if k in numbers else np.zeros(count, dtype=bool)
+                for (rows, numbers), count in zip(near.items(), ground.counts, strict=True)
+            ]))
+            for k in range(len(routes_m))
+        ]  # fmt: skip
+
+    def _may_see(self, route_m: FloatArray, rows: tuple[int, int]) -> bool:
+        """Whether a route comes within sensor range of a block. A row of cells is as wide as the area."""
+        south, side_m = self.site.area.bounds[1], judged_cell_size_m(self.site)
+        halo_m = self.site.scenario.sensor.reach_m + self.site.scenario.vehicle.motion().corner_radius_m + 1.0
+        norths = np.asarray(route_m, dtype=float).reshape(-1, 3)[:, 1]
+        return bool(
+            norths.max() >= south + rows[0] * side_m - halo_m and norths.min() <= south + rows[1] * side_m + halo_m
+        )
+
+
+def _unpacked(bits: Bits, count: int) -> BoolArray:
+    return np.unpackbits(bits, count=count).view(bool)
+
+
+def is_large(site: Site) -> bool:
+    """Whether the area is large enough to be evaluated block by block."""
+    rows, columns = lattice_shape(site, judged_cell_size_m(site))
+    return _MOST_AT_ONCE < rows * columns <= MAX_CELLS
+
+
+def in_blocks(site: Site) -> Site:
+    """The site, judged in blocks if its area is large."""
+    return site if not is_large(site) else replace(site, block_cells=_BLOCK_CELLS)
+
+
+def look_at_all(coverage: CoverageMap, routes_m: Sequence[FloatArray], by: RunBlocks) -> None:
+    """Let workers compute the observations of routes, where a map is made of blocks. Other maps compute them on demand."""
+    if isinstance(coverage, BlockMap):
+        coverage.look_at(routes_m, by)

@@ -16,10 +16,10 @@ from uavcover.kernels.sight import LocalSlopes, local_slopes
 from uavcover.model.verdict import CellStatistics, CoverageMoment, Finding, unproved
 from uavcover.run.scheduling import Workers, workers_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.block_map import judging_block, row_blocks
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.observing import add_observations
 from uavcover.sensing.pictures import PictureCounts
+from uavcover.sensing.sensors import add_observations
+from uavcover.sensing.site_maps import judging_block, row_blocks
 from uavcover.verification.observations import Observations
 from uavcover.verification.possible_motion import MAX_LEAN_DEG
 from uavcover.verification.tuning import TRACK

@@ -15,12 +15,13 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import Judgement, PhotoSource, PictureStatistics, VerificationReport, noted, unproved
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
     PictureCounts,
     count_pictures,
     drawn_cells,
+    look_distance_m,
+    looks_of,
     overlap_shortfall,
     picture_statistics,
     takes_pictures,

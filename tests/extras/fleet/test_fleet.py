@@ -15,8 +15,7 @@ from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import judge
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import Fleet
-from uavcover.planner.fleet_document import fleet_document, say_fleet
-from uavcover.planner.plan_files import save_plan
+from uavcover.planner.plan_files import fleet_document, save_plan, say_fleet
 from uavcover.run.documents import read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended

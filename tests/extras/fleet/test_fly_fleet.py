@@ -29,8 +29,7 @@ from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import Fleet
-from uavcover.planner.fleet_document import fleet_document
-from uavcover.planner.plan_files import save_plan
+from uavcover.planner.plan_files import fleet_document, save_plan
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.recording.reader import describe_recording
 from uavcover.run.folder import RunFolder

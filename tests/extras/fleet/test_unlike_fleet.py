@@ -29,7 +29,7 @@ from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.limits import Home, NoFly
 from uavcover.model.route import Route
-from uavcover.planner.fleet_document import fleet_document, say_fleet
+from uavcover.planner.plan_files import fleet_document, say_fleet
 from uavcover.planner.sortie_order.reorder import _done_s
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.run.documents import read_planned

@@ -20,8 +20,7 @@ from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import judge
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import Fleet
-from uavcover.planner.fleet_document import fleet_document
-from uavcover.planner.plan_files import save_plan
+from uavcover.planner.plan_files import fleet_document, save_plan
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario

@@ -9,7 +9,7 @@ import pytest
 from tests.planner.sites import hills, make_site
 from uavcover.api import UNATTENDED
 from uavcover.planner.command import PlanRequest, plan_into
-from uavcover.sensing import block_map
+from uavcover.sensing import site_maps
 
 RING = ((0.0, 0.0), (700.0, 0.0), (700.0, 500.0), (0.0, 500.0))
 PLANNER = {"algorithm": "memetic", "evaluations": 20, "population_size": 20, "parts": 2}
@@ -30,11 +30,11 @@ def documents(folder: Path) -> dict[str, Any]:
 
 def test_a_plan_of_blocks_is_the_plan_of_one_piece(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = documents(tmp_path / "whole")
-    monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 100)
-    monkeypatch.setattr(block_map, "_BLOCK_CELLS", 700)
+    monkeypatch.setattr(site_maps, "_MOST_AT_ONCE", 100)
+    monkeypatch.setattr(site_maps, "_BLOCK_CELLS", 700)
     made = []
-    real = block_map.BlockMap.look_at
-    monkeypatch.setattr(block_map.BlockMap, "look_at", lambda *given: [made.append(given), real(*given)][1])
+    real = site_maps.BlockMap.look_at
+    monkeypatch.setattr(site_maps.BlockMap, "look_at", lambda *given: [made.append(given), real(*given)][1])
     blocks = documents(tmp_path / "blocks")
     assert made
     assert len(whole) > 2  # sorties

@@ -85,7 +85,7 @@ def test_the_need_grows_with_cells_and_with_processes_beside_it(site: Site) -> N
 
 def test_an_area_that_is_judged_block_by_block_takes_less(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = memory_need(site, processes=True)
-    monkeypatch.setattr("uavcover.sensing.block_map._MOST_AT_ONCE", 0)
+    monkeypatch.setattr("uavcover.sensing.site_maps._MOST_AT_ONCE", 0)
     monkeypatch.setattr("uavcover.extras.large_areas.divided_plan._OF_BLOCKS", 0)
     blocks = memory_need(site, processes=True)
     assert blocks.command < whole.command

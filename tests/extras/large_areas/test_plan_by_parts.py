@@ -19,13 +19,12 @@ from uavcover.extras.large_areas.plan_by_parts import (
     tasks_of,
 )
 from uavcover.model.route import Plan, Route
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.plan_search import SearchRequest, plan
+from uavcover.planner.search.local_search import best_starts
 from uavcover.planner.search.optimizer_search import Effort, SearchRun
-from uavcover.planner.search.starts import best_starts
 from uavcover.scenario.site import Site
-from uavcover.sensing import block_map, site_maps
+from uavcover.sensing import site_maps
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_map
 
@@ -95,10 +94,10 @@ def plain_lines(site: Site, tasks):
 
 def test_a_large_area_that_is_judged_block_by_block_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = planned(large(), plain_lines)
-    monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 100)
-    monkeypatch.setattr(block_map, "_BLOCK_CELLS", 700)
-    site = block_map.in_blocks(large())
-    assert isinstance(judging_map(site), block_map.BlockMap)
+    monkeypatch.setattr(site_maps, "_MOST_AT_ONCE", 100)
+    monkeypatch.setattr(site_maps, "_BLOCK_CELLS", 700)
+    site = site_maps.in_blocks(large())
+    assert isinstance(judging_map(site), site_maps.BlockMap)
     other = planned(site, plain_lines)
     assert [member.metrics for member in other.members] == [member.metrics for member in whole.members]
     assert np.array_equal(other.chosen.route.waypoints_m, whole.chosen.route.waypoints_m)

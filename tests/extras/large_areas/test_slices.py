@@ -11,7 +11,7 @@ from uavcover.extras.large_areas.plan_by_parts import Slice, sliced, tasks_of
 from uavcover.kernels.route import path_length
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.planner.baselines.adaptive_swaths import TIGHT, bend_lines, fly_tight, tight_layouts
-from uavcover.planner.baselines.swaths import long_side_angle_rad
+from uavcover.planner.baselines.boustrophedon import long_side_angle_rad
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 

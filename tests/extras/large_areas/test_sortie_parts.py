@@ -12,8 +12,7 @@ from uavcover.extras.large_areas.sortie_parts import FEWEST, may_have_sorties, s
 from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.search.optimizer_search import Effort, SearchRun
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap

@@ -17,8 +17,7 @@ from uavcover.extras.photos.readers import PictureSet
 from uavcover.model.verdict import combined
 from uavcover.new.command import new_scenario
 from uavcover.new.elevation_questions import NewRequest
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery

@@ -29,8 +29,7 @@ from uavcover.extras.photos.readers import PictureSet
 from uavcover.new.catalog import curve_named
 from uavcover.new.command import new_scenario
 from uavcover.new.elevation_questions import NewRequest
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 

@@ -12,8 +12,7 @@ from uavcover.extras.photos.any_flight import evidence_of
 from uavcover.model.track import TrackSample
 from uavcover.new.command import new_scenario
 from uavcover.new.elevation_questions import NewRequest
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.run.track_file import TrackWriter
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery

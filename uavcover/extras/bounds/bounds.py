@@ -25,8 +25,7 @@ from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, hor
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
 from uavcover.planner.selection_rule import parse_rule
-from uavcover.planner.set_cover.candidates import finest_lattice_candidates, reduce
-from uavcover.planner.set_cover.solvers import CoverProgram, SolverEffort
+from uavcover.planner.set_cover import CoverProgram, SolverEffort, finest_lattice_candidates, reduce
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 

@@ -40,7 +40,7 @@ from uavcover.run.provenance import program
 from uavcover.run.scheduling import Workers, can_share_files, local_count, workers_of
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
-from uavcover.sensing.block_map import BlockLook, BlockTask, RunBlocks, is_large, look_at_block
+from uavcover.sensing.site_maps import BlockLook, BlockTask, RunBlocks, is_large, look_at_block
 
 # Finished routes of parts, kept in the run folder, so that a plan continues after its process was killed.
 #

@@ -19,8 +19,7 @@ from uavcover.kernels.sight import horizontal_reach
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, tight_lines
-from uavcover.planner.baselines.boustrophedon import Baseline, boustrophedons
-from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad
+from uavcover.planner.baselines.boustrophedon import Baseline, boustrophedons, fly_layout, long_side_angle_rad
 from uavcover.planner.search.goal_search import search_goal
 from uavcover.planner.search.local_search import (
     CHAINS,
@@ -29,10 +28,11 @@ from uavcover.planner.search.local_search import (
     PaceByNumber,
     SearchPace,
     Work,
+    best_starts,
+    scattered_problem,
+    starts_worth_looking_at,
 )
-from uavcover.planner.search.route_judge import RouteJudge
-from uavcover.planner.search.search_cells import scattered_problem
-from uavcover.planner.search.starts import best_starts, starts_worth_looking_at
+from uavcover.planner.search.route_problem import RouteJudge
 from uavcover.planner.search.tuning import TUNED
 from uavcover.scenario.site import Site, forget_computed
 from uavcover.scenario.vehicles import Piece, polygons_of

@@ -33,24 +33,26 @@ from uavcover.planner.baselines.adaptive_swaths import (
 from uavcover.planner.baselines.boustrophedon import (
     BOUSTROPHEDON,
     Baseline,
+    SwathLayout,
     fewest_lines,
+    fly_layout,
+    long_side_angle_rad,
     plain_boustrophedon,
+    to_lines_frame,
 )
-from uavcover.planner.baselines.swaths import SwathLayout, fly_layout, long_side_angle_rad, to_lines_frame
 from uavcover.planner.budget import SHARES
 from uavcover.planner.division import divide, flight_work
 from uavcover.planner.final_choice import choose
 from uavcover.planner.front import NamedRoute, judge_members
-from uavcover.planner.joining import in_good_order, joined
 from uavcover.planner.search.optimizer_search import SearchProgress, SearchRun
-from uavcover.planner.search.route_judge import with_safety
+from uavcover.planner.search.route_problem import with_safety
 from uavcover.planner.search.tuning import TUNED
 from uavcover.planner.selection_rule import parse_rule
+from uavcover.planner.terrain_following import in_good_order, joined
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import Piece, polygons_of
-from uavcover.sensing.block_map import RunBlocks, look_at_all, one_after_the_other
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.site_maps import judging_map, sampling_map
+from uavcover.sensing.site_maps import RunBlocks, judging_map, look_at_all, one_after_the_other, sampling_map
 
 # Slices: parts that hold neighbouring lines of one route over the whole area, so that at first no seam costs anything.
 #

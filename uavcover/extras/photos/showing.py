@@ -14,8 +14,8 @@ from uavcover.kernels.observation_counting import Camera, ObservationCounts, Sen
 from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_slopes
 from uavcover.new.catalog import DetectionCurve, Independent
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.looks import look_distance_m, looks_of
-from uavcover.sensing.observing import add_observations
+from uavcover.sensing.pictures import look_distance_m, looks_of
+from uavcover.sensing.sensors import add_observations
 from uavcover.verification.flown_coverage import FlownCoverage
 
 # Probability that photos find the object, by cell and over an area.

@@ -23,8 +23,7 @@ import numpy.typing as npt
 
 from uavcover.errors import OptimizerError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.optimizers.archive import Archive
-from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers.ask_tell import Archive, AskTellOptimizer
 from uavcover.optimizers.interface import ParetoSet, Solutions
 
 

@@ -23,10 +23,10 @@ import shapely
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.swaths import balance_lines
 from uavcover.model.route import Route
-from uavcover.planner.baselines.boustrophedon import best_height_agl_m
-from uavcover.planner.baselines.swaths import (
+from uavcover.planner.baselines.boustrophedon import (
     SwathLayout,
     area_edges,
+    best_height_agl_m,
     extents_between,
     fly_layout,
     line_extents,
@@ -152,7 +152,7 @@ def fly_bent(site: Site, layout: SwathLayout, bent: BentLines, *, straight_m: fl
 
     Args:
         site: the layout's.
-        layout: as for :func:`uavcover.planner.baselines.swaths.fly_layout`.
+        layout: as for :func:`uavcover.planner.baselines.boustrophedon.fly_layout`.
         bent: its lines.
         straight_m: how far lines may leave their bends on the map to have fewer of them; by default a hundredth of the
             sensor's reach.

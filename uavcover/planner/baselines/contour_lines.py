@@ -20,11 +20,14 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.way_cost import route_cost
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route
-from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M, Baseline, best_height_agl_m, evaluated
-from uavcover.planner.baselines.swaths import long_side_angle_rad
-from uavcover.planner.encodings import allowed_band_m
-from uavcover.planner.joining import in_good_order
-from uavcover.planner.terrain_following import finite_heights, lay_over_terrain
+from uavcover.planner.baselines.boustrophedon import Baseline, best_height_agl_m, evaluated, long_side_angle_rad
+from uavcover.planner.terrain_following import (
+    PLAIN_TOLERANCE_M,
+    allowed_band_m,
+    finite_heights,
+    in_good_order,
+    lay_over_terrain,
+)
 from uavcover.scenario.site import Site, once
 from uavcover.sensing.coverage_map import CoverageMap
 

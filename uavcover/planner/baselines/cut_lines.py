@@ -20,14 +20,14 @@ from uavcover.kernels.way_cost import LENGTH
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import (
-    PLAIN_TOLERANCE_M,
     Baseline,
     best_height_agl_m,
     directions_rad,
     evaluated,
+    to_lines_frame,
+    width_across_m,
 )
-from uavcover.planner.baselines.swaths import to_lines_frame, width_across_m
-from uavcover.planner.terrain_following import flyable_ways, lay_over_terrain
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, flyable_ways, lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap

@@ -11,7 +11,6 @@ from uavcover.kernels.sight import horizontal_reach
 from uavcover.model.route import Route
 from uavcover.model.scenario import InitialRoute, PlannerSettings
 from uavcover.planner.baselines.boustrophedon import (
-    PLAIN_TOLERANCE_M,
     TUNED,
     Baseline,
     best_height_agl_m,
@@ -22,19 +21,18 @@ from uavcover.planner.baselines.boustrophedon import (
     scanned_rows,
 )
 from uavcover.planner.baselines.contour_lines import contour_lines
-from uavcover.planner.set_cover.candidates import (
+from uavcover.planner.set_cover import (
     Candidates,
     Reduced,
+    cut_down,
     finest_lattice_candidates,
+    greedy_cover,
     level_candidates,
     reduce,
-)
-from uavcover.planner.set_cover.solvers import (
-    cut_down,
-    greedy_cover,
     searched_cover,
     tour_route,
 )
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M
 from uavcover.sensing.coverage_map import CoverageMap
 
 _SPACING_CELLS = 0.25

@@ -14,17 +14,12 @@ from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
-from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M
-from uavcover.planner.gap_route import plan_closing_route
-from uavcover.planner.joining import joined
-from uavcover.planner.search.local_search import Work
-from uavcover.planner.search.route_judge import RouteJudge, share_seen
-from uavcover.planner.search.route_problem import RouteProblem
-from uavcover.planner.search.starts import SearchStart
-from uavcover.planner.set_cover.candidates import seen_from_each
-from uavcover.planner.sure_pictures import surely
-from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.planner.viewpoints import MissingCells, few_enough, grid_places, places_around
+from uavcover.planner.final_changes import surely
+from uavcover.planner.gap_route import MissingCells, few_enough, grid_places, places_around, plan_closing_route
+from uavcover.planner.search.local_search import SearchStart, Work
+from uavcover.planner.search.route_problem import RouteJudge, RouteProblem, share_seen
+from uavcover.planner.set_cover import seen_from_each
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, joined, lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading

@@ -12,10 +12,8 @@ import numpy as np
 from uavcover.kernels.annealing import Prices
 from uavcover.model.route import Route
 from uavcover.planner.search.closing import closed_beginning, closed_end, price_between
-from uavcover.planner.search.local_search import CHAINS, Chain, Work
-from uavcover.planner.search.route_judge import RouteJudge, with_safety
-from uavcover.planner.search.route_problem import state_of
-from uavcover.planner.search.starts import SearchStart, best_starts
+from uavcover.planner.search.local_search import CHAINS, Chain, SearchStart, Work, best_starts
+from uavcover.planner.search.route_problem import RouteJudge, state_of, with_safety
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 """Goals besides the required coverage, so that there is a choice."""

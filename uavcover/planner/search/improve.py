@@ -14,6 +14,7 @@ from uavcover.kernels.tours import short_tour
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
+from uavcover.planner.final_changes import surely, with_sound_corners
 from uavcover.planner.front import Candidate
 from uavcover.planner.search.closing import with_gaps_closed
 from uavcover.planner.search.goal_search import search_goals, search_waypoints
@@ -24,18 +25,24 @@ from uavcover.planner.search.local_search import (
     PaceByClock,
     PaceByNumber,
     SearchPace,
+    SearchStart,
     Work,
+    counted_as_judged,
+    finest_problem,
+    search_problem,
 )
 from uavcover.planner.search.optimizer_search import Effort, SearchProgress, SearchRun
-from uavcover.planner.search.route_judge import OneAfterTheOther, RouteJudge, share_seen, with_safety
-from uavcover.planner.search.route_problem import MOST_WAYPOINTS, RouteProblem
-from uavcover.planner.search.search_cells import counted_as_judged, finest_problem, search_problem
-from uavcover.planner.search.starts import SearchStart
+from uavcover.planner.search.route_problem import (
+    MOST_WAYPOINTS,
+    OneAfterTheOther,
+    RouteJudge,
+    RouteProblem,
+    share_seen,
+    with_safety,
+)
 from uavcover.planner.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planner.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planner.selection_rule import Rule
-from uavcover.planner.sound_corners import with_sound_corners
-from uavcover.planner.sure_pictures import surely
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.flown_line import line_flown, pictures_on, places_passed_m

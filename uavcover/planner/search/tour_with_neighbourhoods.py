@@ -14,10 +14,8 @@ from uavcover.kernels.route_state import recount, seen_alone
 from uavcover.kernels.sight import DISC
 from uavcover.model.route import Route
 from uavcover.planner.search.goal_search import search_goals
-from uavcover.planner.search.local_search import CHAINS, Chain, Work
-from uavcover.planner.search.route_judge import RouteJudge
-from uavcover.planner.search.route_problem import state_of
-from uavcover.planner.search.starts import SearchStart, best_starts
+from uavcover.planner.search.local_search import CHAINS, Chain, SearchStart, Work, best_starts
+from uavcover.planner.search.route_problem import RouteJudge, state_of
 from uavcover.planner.search.tuning import FreeOrderTuning
 
 FULL = 1.0 - 1e-9

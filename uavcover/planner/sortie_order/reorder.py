@@ -15,9 +15,8 @@ from uavcover.missions.flight_costs import flights_of_split, mission_cost, strai
 from uavcover.missions.sorties import compile_sorties, compile_unlike_sorties
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route
-from uavcover.planner.search.simplify import least_seen
-from uavcover.planner.sortie_order.order_costs import OrderCosts
-from uavcover.planner.sortie_order.stretches import stretches_of
+from uavcover.planner.final_changes import least_seen
+from uavcover.planner.sortie_order.order_costs import OrderCosts, stretches_of
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap

@@ -19,9 +19,9 @@ from uavcover.kernels.sight import MIDPOINT, RAY
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import RouteMember
 from uavcover.optimizers.indicators import hypervolume
+from uavcover.planner.final_changes import with_sound_corners
 from uavcover.planner.front import NamedRoute, judge_members, pareto_members
 from uavcover.planner.selection_rule import parse_rule, select
-from uavcover.planner.sound_corners import with_sound_corners
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 

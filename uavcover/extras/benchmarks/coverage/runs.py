@@ -21,18 +21,21 @@ from uavcover.extras.benchmarks.runs import KeptRuns, completed_by
 from uavcover.model.route import Route
 from uavcover.model.scenario import InitialRoute, PlannerAlgorithm
 from uavcover.planner.baselines.boustrophedon import (
-    PLAIN_TOLERANCE_M,
     TUNED,
     best_height_agl_m,
+    fly_layout,
     fly_rows,
+    long_side_angle_rad,
     plain_boustrophedon,
     plain_rows,
+    regular_layout,
     scanned_rows,
+    width_across_m,
 )
 from uavcover.planner.baselines.initial_routes import constructed_routes
-from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
 from uavcover.planner.front import NamedRoute, Snapshots
 from uavcover.planner.planner import Effort, plan_routes
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 

@@ -1,1 +1,0 @@
-"""Optimizers that the paper's method is compared with."""

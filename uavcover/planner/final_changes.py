@@ -1,0 +1,307 @@
+"""Final changes of a route: fewer waypoints, corners that keep the limits as flown, robust photos.
+
+Waypoints that it can do without go. One lies as much lower or higher as its corner leaves the band of heights, moves outward by
+as much as it is passed inside of it, and moves by centimetres where a distance-triggered photo may be missed.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.annealing import snapshot
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.route_state import RouteState
+from uavcover.kernels.simplification import merge, take_out
+from uavcover.missions.leg_checks import (
+    corner_excess_around_m,
+    corner_excess_m,
+    corner_heights_off_m,
+    measure_violations,
+)
+from uavcover.model.route import Route
+from uavcover.planner.search.route_problem import SAFETY, RouteProblem, route_problem, state_of, with_safety
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.flown_line import corners_flown, corners_matter, line_flown, pictures_on
+from uavcover.sensing.sensors import trigger_distance_m
+
+_SPARE_SHARES = (0.0, 0.001, 0.004, 0.016, 0.063, 0.25, 1.0)
+"""Share of the spare coverage that one waypoint may cost, sweep by sweep. Waypoints that cost nothing go first."""
+
+_ATTEMPTS = 5
+"""Each keeps twice as much more coverage as the one before it lacked on the exact count, or on finer cells."""
+
+_ROUNDING = 1e-12
+
+
+def simplified(
+    # the cells that routes are judged on, and finer ones, where as much must be seen too
+    judges: Sequence[CoverageMap],
+    route: Route,  # keeps the limits
+    *,
+    asked: float | None,  # share of what can be covered that the selection rule asks for, if it does
+    # whether there is no time left: asked between attempts and between sweeps. The first sweep is made all the same.
+    is_over: Callable[[], bool] = lambda: False,
+) -> Route | None:
+    """A route without the waypoints whose removal keeps limits, cost and coverage, counted exactly; none when it needs them all.
+
+    Coverage beyond ``asked`` may go, but for the margin that the search keeps to it; without ``asked``, or below it, none may.
+    """
+    before = [_seen(each, route) for each in judges]
+    least = [least_seen(seen, asked, finer=number > 0) for number, seen in enumerate(before)]
+    attempts = 0
+    # What loses nothing on the judging cells may do so on finer ones, and is then counted there.
+    for judge, had, wanted in zip(judges, before, least, strict=True):
+        problem, slack = _problem(judge), had - wanted
+        for _ in range(_ATTEMPTS):
+            if attempts > 0 and is_over():
+                return None
+            attempts += 1
+            state = state_of(problem, route, capacity=len(route))
+            _sweep(problem, state, slack, is_over)
+            simpler = surely(judge.site, Route(snapshot(state)))
+            if len(simpler) >= len(route):
+                return None
+            # Kernels count photos by distance as if every leg had them everywhere.
+            lacks = max(needed - _seen(each, simpler) for each, needed in zip(judges, least, strict=True))
+            if lacks <= _ROUNDING:
+                return simpler
+            if slack == 0.0:
+                break
+            slack = max(0.0, slack - 2.0 * lacks)
+    return None
+
+
+def _sweep(problem: RouteProblem, state: RouteState, slack: float, is_over: Callable[[], bool] = lambda: False) -> None:
+    """Take out and merge waypoints until none can go or time is over, losing no more coverage than ``slack``."""
+    fewest = 1 if problem.numbers.limits.legs == 0 else 2
+    least = float(state.seen[0]) - slack - _ROUNDING
+    for share in _SPARE_SHARES:
+        take_out(problem.numbers, state, fewest, least, share * slack + _ROUNDING)
+        if is_over():
+            return
+    for change in (take_out, merge):
+        while change(problem.numbers, state, fewest, least, slack + _ROUNDING) > 0:
+            if is_over():
+                return
+
+
+def _seen(judge: CoverageMap, route: Route) -> float:
+    return judge.share_of_coverable(judge.seen(route.waypoints_m))
+
+
+def least_seen(seen: float, asked: float | None, *, finer: bool) -> float:
+    """Least coverage of a changed route, as a share of the visible ground.
+
+    Args:
+        seen: by the route as it is.
+        asked: by the selection rule, if it does.
+        finer: whether it is not the cells that routes are judged on, but finer ones.
+    """
+    if finer:
+        return asked if asked is not None and seen >= asked else seen - SAFETY
+    return min(seen, with_safety(asked)) if asked is not None and seen >= asked else seen
+
+
+def _problem(judging: CoverageMap) -> RouteProblem:
+    limits = judging.site.scenario.limits
+    middle_agl_m = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    reach_m = max(judging.site.scenario.sensor.half_width_m(middle_agl_m), judging.grid.cells.size_m)
+    return route_problem(judging, margin_m=0.0, reach_m=reach_m)
+
+
+_CUT_SHARES = (1.0, 1.5, 2.0, 3.0, 0.5, -1.0, -2.0)
+"""Shares of the corner cut by which a waypoint moves.
+
+First outward, so that the vehicle passes the original waypoint; at last inward, where the ground outside is worse.
+"""
+
+_LOWER = (1.0, 2.0, 4.0)
+"""Multiples of a corner's excess above the height band by which its waypoint is lowered, tried in this order."""
+
+_MORE, _SPARE_M = 1.2, 0.01
+"""Factor and metres by which a waypoint moves more than its corner has to, which comes with it in part."""
+
+_MOST_SWEEPS = 4
+"""A waypoint that moves changes the corners beside it."""
+
+
+def with_sound_corners(site: Site, route: Route) -> Route:
+    """The route, or one whose corners break no limit or break them by less.
+
+    Its legs break them by no more.
+
+    Args:
+        site: the scenario on its ground.
+        route: keeps the limits in its legs.
+    """
+    points = np.array(route.waypoints_m)
+    excess_m = corner_excess_m(site, points)
+    before = excess_m.sum()
+    if before <= 0.0:
+        return route
+    points = _into_band(site, points)
+    excess_m = corner_excess_m(site, points)
+    for _ in range(_MOST_SWEEPS):
+        for k in np.flatnonzero(excess_m > 0.0):
+            points = _moved(site, points, int(k))
+        excess_m = corner_excess_m(site, points)
+        if excess_m.sum() <= 0.0:
+            break
+    return Route(points, route.begins) if excess_m.sum() < before else route
+
+
+def _into_band(site: Site, points_m: FloatArray) -> FloatArray:
+    """The (n, 3) points, those at corners that leave the height band as much lower or higher, all at once.
+
+    Over slopes that costs next to no coverage, and on a long route most corners are mended by it.
+    """
+    broken, least_m = _broken(site, points_m), float(corner_excess_m(site, points_m).sum())
+    for _ in range(_MOST_SWEEPS):
+        moved_m = points_m.copy()
+        off_m = corner_heights_off_m(site, points_m)
+        moved_m[:, 2] -= _MORE * off_m + np.copysign(_SPARE_M, off_m) * (off_m != 0.0)
+        excess_m = float(corner_excess_m(site, moved_m).sum())
+        if excess_m >= least_m or _broken(site, moved_m) > broken:
+            break
+        points_m, least_m = moved_m, excess_m
+    return points_m
+
+
+def _moved(site: Site, points_m: FloatArray, number: int) -> FloatArray:
+    """The (n, 3) points with one moved, so that the corners break limits by the least, the legs by no more."""
+    begin = max(number - 1, 0)
+    beside_m = points_m[begin : number + 2]
+    places_m = corners_flown(site, beside_m)
+    if places_m is None:
+        return points_m
+    outward_m = points_m[number] - places_m[number - begin, places_m.shape[1] // 2]
+    best_m, least_m = points_m, corner_excess_around_m(site, points_m, number)
+    broken = _broken(site, beside_m)
+    off_m = corner_heights_off_m(site, points_m[max(number - 2, 0) : number + 3])[min(number, 2)]
+    down_m = np.array([0.0, 0.0, -off_m])
+    moves = [*(share * down_m for share in _LOWER if off_m != 0.0), *(share * outward_m for share in _CUT_SHARES)]
+    for move_m in moves:
+        moved_m = points_m.copy()
+        moved_m[number] += move_m
+        excess_m = corner_excess_around_m(site, moved_m, number)
+        if excess_m < least_m and _broken(site, moved_m[begin : number + 2]) <= broken:
+            best_m, least_m = moved_m, excess_m
+            if excess_m <= 0.0:
+                break
+    return best_m
+
+
+def _broken(site: Site, points_m: FloatArray) -> float:
+    return measure_violations(site, points_m, margin_m=site.scenario.limits.height_margin_m).total
+
+
+_MORE_M = 0.1
+"""Extra move of a waypoint beyond that of the line, because its corner is cut."""
+
+_MOST_TRIES = 40
+"""Each moves one waypoint by a metre at most. A plan of 25 waypoints takes three; where they do not end, photos stay unsure."""
+
+
+def surely(site: Site, route: Route) -> Route:
+    """The route, or in its place the one with sure photos where that keeps the limits as it does."""
+    other = with_sure_pictures(site, route)
+    if other is None:
+        return route
+    margin_m = site.scenario.limits.height_margin_m
+    before, after = (
+        measure_violations(site, each.waypoints_m, margin_m=margin_m).total for each in (route, other)
+    )  # fmt: skip
+    return other if after <= before else route
+
+
+def with_sure_pictures(site: Site, route: Route) -> Route | None:
+    """A route with the photos of the given one, all of them sure.
+
+    None where they are already, or cannot be made so.
+
+    A waypoint keeps its height above ground. Limits and coverage are for the caller to judge.
+    """
+    points = np.array(route.waypoints_m)
+    for tries in range(_MOST_TRIES):
+        unsure = next(unsure_pictures(site, points), None)
+        if unsure is None:
+            return Route(points, route.begins) if tries > 0 else None
+        # The nearest waypoint is that of the corner, or the end.
+        nearest = int(np.argmin(np.linalg.norm(points - unsure.turning_m, axis=1)))
+        wanted_m = math.copysign(LEAST_SPARE_M + _MORE_M, unsure.spare_m)
+        height_agl_m = site.ground.heights_agl_m(points[nearest])
+        points[nearest, :2] += (wanted_m - unsure.spare_m) * unsure.away
+        points[nearest, 2] = site.ground.ups_m(points[nearest, :2], height_agl_m)[0]
+    return None
+
+
+# Photos by distance that are taken or not by less than a vehicle keeps to its line.
+#
+# Where a line turns back just where the next photo is due, a few centimetres decide. If that photo is missing, all
+# later ones come later by as much as their distance, and see other ground than was planned.
+
+LEAST_SPARE_M = 0.5
+"""Below this spare a photo is unsure: in flights of the mock vehicle photos were up to 0.42 m from their planned positions."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnsurePicture:
+    """A photo that is unsure."""
+
+    turning_m: FloatArray  # (3,) ENU place where the line turns back to the last photo, or ends
+    away: FloatArray  # (2,) unit vector to it from there, east and north
+    # by how much it is farther away than the distance between two photos; less than 0: the photo is not taken
+    spare_m: float
+
+
+def unsure_pictures(site: Site, route_m: FloatArray) -> Iterator[UnsurePicture]:
+    """Those along an (n, 3) ENU route as it is flown, in their order; none where corners are flown exactly."""
+    trigger_m = trigger_distance_m(site.scenario)
+    if trigger_m is None or not corners_matter(site) or len(route_m) < 2:
+        return
+    line_m = line_flown(site, route_m).places_m
+    legs, places_m = pictures_on(line_m, trigger_m)
+    for number, (leg, place_m) in enumerate(zip(legs, places_m, strict=True)):
+        is_last = number + 1 == len(legs)
+        due = len(line_m) if is_last else int(legs[number + 1]) + 1
+        # Between most photos the line is straight.
+        turns = due - leg > 2
+        missed = _turned_back(line_m[leg + 1 : due], place_m, least_m=trigger_m - LEAST_SPARE_M) if turns else None
+        if missed is not None:
+            yield _unsure(missed, place_m, trigger_m)
+        if not is_last:
+            taken = _barely_passed(places_m[number + 1], line_m, due, place_m, trigger_m)
+            if taken is not None:
+                yield _unsure(taken, place_m, trigger_m)
+
+
+def _unsure(turning_m: FloatArray, from_m: FloatArray, trigger_m: float) -> UnsurePicture:
+    away = turning_m[:2] - from_m[:2]
+    reach_m = float(np.hypot(*away))
+    return UnsurePicture(turning_m, away / reach_m, reach_m - trigger_m)
+
+
+def _turned_back(points_m: FloatArray, from_m: FloatArray, *, least_m: float) -> FloatArray | None:
+    """The first of (k, 3) points with this distance from a point and a nearer one after it: a line is farthest at its points."""
+    reach_m = np.hypot(points_m[:, 0] - from_m[0], points_m[:, 1] - from_m[1])
+    turns = np.flatnonzero((reach_m[:-1] >= least_m) & (reach_m[1:] < reach_m[:-1]))
+    return None if turns.size == 0 else points_m[turns[0]]
+
+
+def _barely_passed(
+    picture_m: FloatArray, line_m: FloatArray, first: int, from_m: FloatArray, trigger_m: float
+) -> FloatArray | None:
+    """Farthest point of a line from its last photo, if it ends or turns back within the tolerance of the next one."""
+    farthest_m, most_m = picture_m, trigger_m
+    for point_m in line_m[first:]:
+        reach_m = math.hypot(point_m[0] - from_m[0], point_m[1] - from_m[1])
+        if reach_m >= trigger_m + LEAST_SPARE_M:
+            return None
+        if reach_m < trigger_m:
+            break
+        if reach_m > most_m:
+            farthest_m, most_m = point_m, reach_m
+    return farthest_m

@@ -1,1 +1,0 @@
-"""Set covers on a lattice of places: greedy, exact, and turned into routes."""
