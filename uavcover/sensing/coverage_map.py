@@ -24,12 +24,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing import sensors
 from uavcover.sensing.cells import CellGrid, make_cells
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
-from uavcover.sensing.sensors import (
-    sample_spacing_m,
-    trial_places,
-    trigger_distance_m,
-    turns_with_legs,
-)
+from uavcover.sensing.sensors import sample_spacing_m, trial_places, trigger_distance_m, turns_with_legs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
