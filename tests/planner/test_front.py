@@ -10,14 +10,7 @@ from tests.planner.test_planner import frozen
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.model.sensor import FrameCamera, Sensor, SphereSensor
-from uavcover.planner.baselines.adaptive_swaths import (
-    BENT,
-    STRAIGHT,
-    TIGHT,
-    TIGHT_INSETS,
-    can_be_adapted,
-    simple_lines,
-)
+from uavcover.planner.baselines.adaptive_swaths import BENT, STRAIGHT, TIGHT, TIGHT_INSETS, can_be_adapted, simple_lines
 from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.front import MOST_MEMBERS, Candidate, Finish, gains_of, parts_of, thinned
 from uavcover.planner.search.optimizer_search import Effort

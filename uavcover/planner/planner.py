@@ -31,13 +31,7 @@ from uavcover.planner.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planner.budget import SHARES, StageTimes
 from uavcover.planner.final_choice import choose, choose_at_once
-from uavcover.planner.front import (
-    Candidate,
-    Finish,
-    NamedRoute,
-    Snapshots,
-    judge_members,
-)
+from uavcover.planner.front import Candidate, Finish, NamedRoute, Snapshots, judge_members
 from uavcover.planner.parallel_lines import any_reaches, first_lines, one_line_more, plan_lines
 from uavcover.planner.search.improve import improve
 from uavcover.planner.search.optimizer_search import (
