@@ -133,7 +133,7 @@ class Session:
         here = monitor.latest(m.GlobalPositionInt)
         if here is not None:
             old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.timeouts.deadman_s + self.silence_s
-            place = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:.0f} m above home"
+            place = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:z.0f} m above home"
             parts.append(f"last known at {place}" if old else f"at {place}")
         return (f"last heard {self.silence_s:.0f} s ago: " if self.is_silent else "") + ", ".join(parts)
 
