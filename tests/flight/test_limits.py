@@ -1,4 +1,4 @@
-"""The table before arming: what is told, what keeps the vehicle on the ground, what is set and put back.
+"""The table before arming: what is reported, what keeps the vehicle on the ground, what is set and put back.
 
 Also told: from where the vehicle's own return is unsafe, by the vehicle's real parameters.
 """

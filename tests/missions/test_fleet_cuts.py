@@ -162,7 +162,7 @@ def test_the_cuts_of_flights_that_follow_each_other_are_the_best_there_are() -> 
     [
         ([[10.0, 50.0], [50.0, 10.0]], [0.0, 0.0], (10.0, (0, 1))),  # each its own
         ([[10.0, math.inf], [10.0, math.inf]], [0.0, 0.0], (25.0, (0, 0))),  # one cannot fly any
-        ([[math.inf, math.inf]], [0.0, 0.0], (math.inf, (0,))),  # nobody can
+        ([[math.inf, math.inf]], [0.0, 0.0], (math.inf, (0,))),  # no vehicle can
         ([[10.0, 12.0]], [9.0, 0.0], (12.0, (1,))),  # who is ready first
     ],
 )

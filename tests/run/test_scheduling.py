@@ -183,7 +183,7 @@ def test_what_is_read_is_what_was_shared_and_large_arrays_are_the_file_itself() 
     with shared.file:
         read, again = read_shared(shared.path), read_shared(shared.path)
         assert shared.size == os.fstat(shared.file.fileno()).st_size
-    # The file is closed, and nobody else has a name for it.
+    # The file is closed, and no other process has a name for it.
     for name in ("large", "other", "small", "mine"):
         assert np.array_equal(read[name], value[name])
         assert read[name].dtype == value[name].dtype

@@ -222,7 +222,7 @@ def test_parts_are_together_the_area_and_lie_beside_each_other(parts, margin_m):
     pieces = [*shared.of_vehicle.values(), *([] if shared.rest is None else [shared.rest])]
     assert sum(piece.area for piece in pieces) == pytest.approx(site.area.area)
     assert shapely.union_all(pieces).symmetric_difference(site.area).area == pytest.approx(0.0, abs=1e-6)
-    # Where a vehicle was told to see, and nobody else was, it sees.
+    # Where a vehicle was told to see, and no other vehicle was, it sees.
     for number, piece in shared.of_vehicle.items():
         inside = shapely.box(*parts[number - 1]).intersection(shapely.box(*AREA)).difference(HOLE)
         assert inside.buffer(-0.6).difference(piece).area == pytest.approx(0.0, abs=1e-6)
