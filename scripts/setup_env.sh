@@ -31,7 +31,7 @@ fi
 # The numeric kernels are compiled once, here, so that no search and no test waits for it; their machine code is kept by a
 # checksum of their sources.
 kernels="$venv/.uavcover-kernels"
-sources="$(cat uavcover/kernels/*.py | cksum)"
+sources="$(cat uavcover/kernels/*.py uavcover/extras/bounds/*.py | cksum)"
 if [ "$(cat "$kernels" 2>/dev/null || true)" != "$sources" ]; then
     echo "set-up: compiling the numeric kernels (2 to 4 minutes the first time)"
     "$venv/bin/uavcover" doctor --compile -q

@@ -153,7 +153,10 @@ def test_the_key_holds_the_compiler_and_its_settings(
 
 def test_the_sources_are_those_that_python_imports() -> None:
     """Read by the syntax tree, which shares nothing with the search for import lines."""
-    for file in SOURCES.glob("*.py"):
+    package = SOURCES.parent
+    files = [path for path in package.rglob("*.py") if "from uavcover.kernels.jit import" in path.read_text()]
+    assert {path.parent.name for path in files} == {"kernels", "bounds"}
+    for file in files:
         naive, ahead = set(), [file]
         while ahead:
             path = ahead.pop()
@@ -161,19 +164,16 @@ def test_the_sources_are_those_that_python_imports() -> None:
                 continue
             naive.add(path)
             for node in ast.walk(ast.parse(path.read_text())):
-                names = []
-                if isinstance(node, ast.ImportFrom) and node.module == "uavcover.kernels":
-                    names = [alias.name for alias in node.names]
-                elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("uavcover.kernels."):
-                    names = [str(node.module).split(".")[2]]
-                elif isinstance(node, ast.Import):
-                    names = [a.name.split(".")[2] for a in node.names if a.name.startswith("uavcover.kernels.")]
-                ahead += [SOURCES / f"{name}.py" for name in names]
+                if isinstance(node, ast.Import | ast.ImportFrom):
+                    module = str(node.module) if isinstance(node, ast.ImportFrom) else ""
+                    names = [module, *(f"{module}.{alias.name}".strip(".") for alias in node.names)]
+                    ahead += [package.parent / f"{name.replace('.', '/')}.py" for name in names]
         assert jit._sources(file) == naive, file.name
 
 
-def test_the_key_holds_every_source(tmp_path: Path) -> None:
-    (tmp_path / "a.py").write_text("from uavcover.kernels.b import y\n")
+def test_the_key_holds_every_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jit, "_PACKAGE", tmp_path)
+    (tmp_path / "a.py").write_text("from uavcover.b import y\n")
     (tmp_path / "b.py").write_text("y = 2\n")
     (tmp_path / "c.py").write_text("z = 2\n")
     keys = {jit._key(tmp_path / "a.py")}

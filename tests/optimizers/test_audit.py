@@ -11,9 +11,9 @@ from tests.optimizers.problems import two_spheres
 from tests.optimizers.test_contract import build, objectives_of, same, width
 from tests.optimizers.test_convergence import solve
 from uavcover.errors import OptimizerError
+from uavcover.extras.benchmarks.indicators import hypervolume
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.optimizers import ALGORITHMS, rivals
-from uavcover.optimizers.indicators import hypervolume
 from uavcover.optimizers.pymoo.adapters import PymooOptimizer
 from uavcover.optimizers.pymoo.algorithm import UavcoverAlgorithm
 

@@ -5,8 +5,8 @@ import pytest
 from pymoo.problems import get_problem
 
 from tests.optimizers.problems import minimise
+from uavcover.extras.benchmarks.indicators import hypervolume, inverted_generational_distance
 from uavcover.optimizers import ALGORITHMS
-from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
 
 
 def solve(name, problem, *, population_size, max_iterations, seed=1):

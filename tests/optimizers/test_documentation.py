@@ -14,7 +14,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "optimizers.md"
         "uavcover.kernels.dominance",
         "uavcover.optimizers.imodbo",
         "uavcover.optimizers.rivals",
-        "uavcover.optimizers.indicators",
+        "uavcover.extras.benchmarks.indicators",
         "uavcover.optimizers.pymoo.adapters",
     ],
 )

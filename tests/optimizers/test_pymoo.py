@@ -14,9 +14,9 @@ from pymoo.problems import get_problem
 from tests.optimizers.problems import minimise, outside_the_corner, two_spheres
 from tests.optimizers.test_convergence import solve
 from uavcover.errors import OptimizerError
+from uavcover.extras.benchmarks.indicators import hypervolume, inverted_generational_distance
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.optimizers import ALGORITHMS, ImodboNiching
-from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
 from uavcover.optimizers.pymoo.adapters import PymooOptimizer, spread_weights
 from uavcover.optimizers.pymoo.algorithm import UavcoverAlgorithm
 

@@ -20,10 +20,11 @@ compiled in.
 ``NUMBA_DISABLE_JIT=1`` runs kernels as plain Python, for debugging and for measuring test coverage.
 
 **Cache.** Numba's own cache checks the file that a function stands in, but not the files of the kernels that are compiled
-into it. Here each file of kernels has a folder for one state of its source, of the kernels that it imports, directly or not, of
-numba and of numpy; another state has another folder. So machine code is never older than its sources, and a change in one file
-recompiles what depends on it and nothing else. The folders are beside the sources, in the user's cache where that cannot be
-written to, or in ``NUMBA_CACHE_DIR`` where that is set; where none of them can be used, kernels are compiled in every run.
+into it. Here each file of kernels, in an extra too, has a folder for one state of its source, of the kernels that it imports,
+directly or not, of numba and of numpy; another state has another folder. So machine code is never older than its sources, and a
+change in one file recompiles what depends on it and nothing else. The folders are beside the sources of this package, in the
+user's cache where that cannot be written to, or in ``NUMBA_CACHE_DIR`` where that is set; where none of them can be used, kernels
+are compiled in every run.
 """
 
 import contextlib
@@ -51,7 +52,8 @@ SETTINGS: Any = numba.config
 _FOLDER = "kernels"
 _KEPT = 3
 """States of a file whose machine code stays: this one and the latest others, for who goes to and fro between two."""
-_IMPORT = re.compile(rf"^\s*(?:from|import) {re.escape(__package__ or '')}(?:\.| import )(\w+)", re.MULTILINE)
+_PACKAGE = Path(__file__).parents[1]
+_IMPORT = re.compile(rf"^\s*(?:from|import) {_PACKAGE.name}\.([\w.]+)(?: import (\w+))?", re.MULTILINE)
 
 
 def keep_compiled(dispatcher: Any) -> None:
@@ -110,7 +112,9 @@ def _sources(source: Path) -> set[Path]:
         file = ahead.pop()
         if file not in found and file.is_file():
             found.add(file)
-            ahead += [source.parent / f"{name}.py" for name in _IMPORT.findall(file.read_text(encoding="utf-8"))]
+            for module, name in _IMPORT.findall(file.read_text(encoding="utf-8")):
+                place = _PACKAGE.joinpath(*module.split("."))
+                ahead += [place.with_suffix(".py"), place / f"{name}.py"]
     return found
 
 

@@ -10,9 +10,9 @@ from pymoo.algorithms.moo.nsga2 import NSGA2
 from pymoo.optimize import minimize
 
 from uavcover.errors import InputError
+from uavcover.extras.benchmarks.indicators import inverted_generational_distance
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, reference_sets
 from uavcover.extras.benchmarks.mmf.pymoo_problems import pymoo_problem
-from uavcover.optimizers.indicators import inverted_generational_distance
 from uavcover.optimizers.pymoo.algorithm import UavcoverAlgorithm
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import scipy
 import shapely
 
+from uavcover.extras.bounds.relief import LEAST_GROWTH, Relief
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.kernels.relief import LEAST_GROWTH, Relief
 from uavcover.kernels.sight import CONE, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.sensing.coverage_map import CoverageMap

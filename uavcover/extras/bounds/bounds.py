@@ -16,11 +16,10 @@ import numpy as np
 import scipy
 
 from uavcover.extras.bounds.bound_heights import relief_over
+from uavcover.extras.bounds.ground_prices import WINDOW_FIELDS, NodePrices, rates_in_squares
 from uavcover.extras.bounds.price_program import PriceProgram, headings_over_half_a_turn, middles_of_bins
+from uavcover.extras.bounds.relief import Relief, looks_from_tiles
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.ground_prices import WINDOW_FIELDS, NodePrices, rates_in_squares
-from uavcover.kernels.ground_samples import looks_from_tiles
-from uavcover.kernels.relief import Relief
 from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
@@ -31,7 +30,7 @@ from uavcover.sensing.sensors import whatever_heading
 
 # Lower bound on path length by prices on the ground: prices of a linear program, proved for any result of it.
 #
-# The proof looks at all places and all headings (:mod:`uavcover.kernels.ground_prices`) and divides the price of each
+# The proof looks at all places and all headings (:mod:`uavcover.extras.bounds.ground_prices`) and divides the price of each
 # cell by the largest rate of the places to whose gain it may add; prices that the program got wrong make the bound
 # lower, never wrong.
 

@@ -7,9 +7,8 @@ import numpy as np
 import scipy
 
 from uavcover.extras.bounds.bound_heights import margin_cells
+from uavcover.extras.bounds.relief import Relief, rates_by_node
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.ground_samples import rates_by_node
-from uavcover.kernels.relief import Relief
 from uavcover.sensing.coverage_map import CoverageMap
 
 _BLOCKS_A_REACH = 3.2

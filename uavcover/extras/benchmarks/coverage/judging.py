@@ -14,11 +14,11 @@ from typing import Any, Final, cast
 import numpy as np
 import shapely
 
+from uavcover.extras.benchmarks.indicators import hypervolume
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import MIDPOINT, RAY
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import RouteMember
-from uavcover.optimizers.indicators import hypervolume
 from uavcover.planner.final_changes import with_sound_corners
 from uavcover.planner.front import NamedRoute, judge_members, pareto_members
 from uavcover.planner.selection_rule import parse_rule, select

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uavcover.errors import InputError, OptimizerError
+from uavcover.extras.benchmarks.indicators import hypervolume, inverted_generational_distance
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, MmfProblem, reference_sets
 from uavcover.extras.benchmarks.runs import completed_by, csv_text, reserved_folder, write_run
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers import ALGORITHMS, DBO, make_optimizer, optimizer_class
-from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
 from uavcover.optimizers.pymoo.adapters import spread_weights
 
 

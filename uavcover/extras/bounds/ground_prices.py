@@ -1,8 +1,8 @@
-"""How much newly seen ground a move is worth at most, when every square metre has a price: the proof for whole squares of places.
+"""Upper bounds on the price of ground that a move newly observes: the proof for whole squares of places.
 
 docs/explanation/bounds.md has the reasoning. As a place moves, ground passes the ends of what is seen along each direction
-(:mod:`uavcover.kernels.relief`); half of what passes in either sense, times its price, is the rate. It is bounded for all places
-of a square of the lattice together, for all directions of a bin, and for all headings.
+(``relief.py``); half of what passes in either sense, times its price, is the rate. It is bounded for all places of a square of
+the lattice together, for all directions of a bin, and for all headings.
 """
 
 import math
@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.extras.bounds.relief import EXACT_M, LEAST_GROWTH, Relief, farthest_seen, height
 from uavcover.kernels.jit import allocating_kernel, kernel
-from uavcover.kernels.relief import EXACT_M, LEAST_GROWTH, Relief, farthest_seen, height
 
 E_LOW, E_HIGH, N_LOW, N_HIGH, DEAREST, PE_LOW, PE_HIGH, PN_LOW, PN_HIGH = range(9)
 """What is known of a window of squares: slopes of the ground towards east and north, the highest price, and slopes of the price
-likewise, as if all of it were priced."""
+towards both, as if all of it were priced."""
 WINDOW_FIELDS = 9
 WORTH, BY_E, BY_N, MOST, BENT, LEAST_R, MOST_R = range(7)
 """Of the end of view in a bin of directions: what it is worth at most from the middle of the square; what it grows by towards
@@ -95,7 +95,7 @@ def _passed(
     relief: Relief, prices: NodePrices, place: tuple[float, float], direction: tuple[float, float], r: float, wide: float,
     slopes: NDArray[np.float64], box: NDArray[np.float64], out: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """What lies at the end of view in a bin of directions, for all places of a square: price times distance over growth.
+    """Price times distance over growth at the end of view in a bin of directions, for all places of a square.
 
     Where a price, a distance or the growth changes with the place or with the direction, the change in the middle of what is
     possible is kept with its sign: over the whole circle such changes nearly cancel. The rest is added.
@@ -228,7 +228,7 @@ def rates_in_squares(
         directions: (bins, 2) middles of equal bins all around.
         group: bins that are added up before headings are looked at; a divisor of their number.
         headings: (m, 2) unit vectors, evenly over half a turn.
-        stride: 1 for a proof; otherwise only every so many rows and columns of squares are looked at.
+        stride: 1 for a proof; otherwise only every n-th row and column of squares is looked at.
         offset: of these, rows and columns less than ``stride``.
         parts: squares along the side of a cell.
         rates: (rows, columns) is written where looked at.
@@ -329,7 +329,7 @@ def _largest_sum(
     parts: NDArray[np.float64], unsure: NDArray[np.float64], headings: NDArray[np.float64], slope: NDArray[np.float64],
     tangent: float, wide: float, sums: NDArray[np.float64],
 ) -> float:  # fmt: skip
-    """What passes the end of view in both senses, for the heading for which that is most."""
+    """Largest sum over the headings of what passes the end of view in both senses."""
     for m in range(len(headings)):
         he, hn = headings[m, 0], headings[m, 1]
         sums[m] = 0.0

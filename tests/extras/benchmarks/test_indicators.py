@@ -4,7 +4,7 @@ import pytest
 from pymoo.indicators.igd import IGD
 
 from uavcover.errors import OptimizerError
-from uavcover.optimizers.indicators import hypervolume, inverted_generational_distance
+from uavcover.extras.benchmarks.indicators import hypervolume, inverted_generational_distance
 
 
 @pytest.mark.parametrize("m", [2, 3])
