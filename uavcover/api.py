@@ -100,10 +100,10 @@ def compile_mission(
     Raises:
         InfeasibleError: a leg, the way there or the way home breaks a hard limit; says which one, where and by how much.
     """
-    from uavcover.missions.mission_files import compile_plan
+    from uavcover.missions.mission_compiler import compile_mission
     from uavcover.model.route import Plan
 
-    return compile_plan(site, route.chosen.route if isinstance(route, Plan) else route, autopilot=autopilot)
+    return compile_mission(site, route.chosen.route if isinstance(route, Plan) else route, autopilot=autopilot)
 
 
 def upload(vehicle: "Connected", run: str | Path, *, in_flight: bool = False, user: User = UNATTENDED) -> bool:

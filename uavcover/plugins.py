@@ -19,7 +19,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "uavcover.evidence": "other evidence of flights than tracks, for verify: the module uavcover.extras.photos.any_flight",
         "uavcover.fleets": "several vehicles at the same time: the module uavcover.extras.fleet",
         "uavcover.large_areas": "planning by parts (uavcover.planner.plan_search.LargeAreas)",
-        "uavcover.exporters": "formats for export: a function with the signature of uavcover.missions.mission_files.Exporter",
+        "uavcover.exporters": "formats for export: a function with the signature of uavcover.missions.flights.Exporter",
         "uavcover.sensors": (
             "sensors: a class derived from a built-in one (uavcover.model.sensor), or a function that returns its table"
         ),

@@ -43,8 +43,7 @@ from uavcover.flight.connect import Connected, fly, require_home
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions, custom_mode
 from uavcover.flight.upload import upload
-from uavcover.missions.mission_compiler import AUTOPILOTS
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import AUTOPILOTS, compile_mission
 from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
@@ -234,7 +233,7 @@ def measure(site: Site, run: RunFolder, flight: int, seed: int, tlogs: Path) -> 
     loss = float(rng.choice([0.0, 0.05]))
     link = DisturbedLink(InMemoryPeer(vehicle), rng=Random(flight), conditions=Conditions(loss=loss))
     tlog = tlogs / f"flight-{flight:03d}.tlog"
-    compiled = compile_plan(site, read_planned(run)[1].route, autopilot=autopilot)
+    compiled = compile_mission(site, read_planned(run)[1].route, autopilot=autopilot)
     with TelemetryLogWriter(tlog, clock=_LinkTime(link.clock), flush_clock=link.clock) as log:
         witness = WitnessedLink(link, vehicle, log, [(at_s, act) for at_s, _, (_, act) in drawn])
         client, monitor = open_vehicle(witness)
@@ -280,7 +279,7 @@ def save_lines(site: Site, run: RunFolder) -> None:
         wall_s=0.0,
     )  # fmt: skip
     run.path.mkdir(parents=True)
-    compiled = compile_plan(site, route)
+    compiled = compile_mission(site, route)
     save_plan(run, site, plan, compiled=compiled, autopilot="ardupilot", seed=0, command=["disturbed_flights"])
 
 

@@ -5,7 +5,8 @@ import json
 from pathlib import Path
 
 from tests.cli.conftest import Cli
-from uavcover.missions.mission_files import compile_plan, export_text
+from uavcover.missions.flights import export_text
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 
@@ -62,7 +63,7 @@ def test_another_member_and_back_again(cli: Cli, planned: Path) -> None:
     assert [row["index"] for row in set_of(planned) if row["chosen"] == "1"] == [longest["index"]]
     assert (planned / "mission.waypoints").read_text() != kept["mission.waypoints"]
     site, document = read_planned(RunFolder(planned))
-    compiled = compile_plan(site, document.route)
+    compiled = compile_mission(site, document.route)
     assert (planned / "mission.waypoints").read_text() == export_text(
         compiled, "waypoints", autopilot="ardupilot", name=site.scenario.name
     )

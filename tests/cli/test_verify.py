@@ -16,7 +16,7 @@ from rasterio.warp import transform
 
 from tests.cli.conftest import Cli, files
 from tests.verification.test_flown_blocks import Elsewhere
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import seal_flight
@@ -187,7 +187,7 @@ def test_a_gap_mission_is_flown_and_both_tracks_reach_the_plan(cli: Cli, torn: P
     planned = before["planned_coverage_fraction"]
     answer = cli("gaps", torn, "--target", planned, "--json")
     assert answer.code == 0
-    first_m = np.linalg.norm(np.diff(compile_plan(*route_of(torn)).path_m, axis=0), axis=1).sum()
+    first_m = np.linalg.norm(np.diff(compile_mission(*route_of(torn)).path_m, axis=0), axis=1).sum()
     assert answer.document["path_length_m"] < 0.5 * first_m
     assert answer.document["coverage_after"] >= planned
     assert (torn / "gap_mission.waypoints").read_bytes() == (torn / "gaps" / "mission.waypoints").read_bytes()

@@ -22,8 +22,7 @@ from uavcover.flight.orders import Orders
 from uavcover.flight.resume import find_unfinished, save_rest
 from uavcover.flight.upload import upload
 from uavcover.missions.flights import compile_flights
-from uavcover.missions.mission_compiler import AUTOPILOTS
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import AUTOPILOTS, compile_mission
 from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
@@ -283,7 +282,7 @@ class Field:
         route = read_planned(run)[1].route
 
         def begin(station: Connected, orders: Orders) -> FlightOutcome:
-            compiled = compile_plan(self.site, route, autopilot=self.autopilot)
+            compiled = compile_mission(self.site, route, autopilot=self.autopilot)
             upload(station.client, compiled)
             return fly(station, self.site, compiled, orders)
 

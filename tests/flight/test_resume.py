@@ -34,8 +34,7 @@ from uavcover.flight.resume import (
 )
 from uavcover.flight.upload import upload
 from uavcover.missions.leg_checks import measure_violations
-from uavcover.missions.mission_compiler import AUTOPILOTS
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import AUTOPILOTS, compile_mission
 from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import Battery, BatteryData
@@ -82,7 +81,7 @@ def planned(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
         chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
         wall_s=0.0,
     )  # fmt: skip
-    save_plan(run, site, plan, compiled=compile_plan(site, route), autopilot="ardupilot", seed=0, command=["test"])
+    save_plan(run, site, plan, compiled=compile_mission(site, route), autopilot="ardupilot", seed=0, command=["test"])
     return run.path
 
 
@@ -119,7 +118,7 @@ class Field:
         station = self.connected()
         planned = read_planned_route(self.run)
         assert planned is not None
-        compiled = compile_plan(self.site, Route(planned.waypoints_m), autopilot=self.autopilot)
+        compiled = compile_mission(self.site, Route(planned.waypoints_m), autopilot=self.autopilot)
         upload(station.client, compiled)
         return self.recorded(
             self.run, lambda orders: fly(station, self.site, compiled, orders), stop=stop, killed_after=killed_after
@@ -137,7 +136,7 @@ class Field:
                 lambda orders: fly_on(station, self.site, unfinished, orders),
                 killed_after=killed_after,
             )
-        compiled = compile_plan(self.site, unfinished.route, autopilot=self.autopilot)
+        compiled = compile_mission(self.site, unfinished.route, autopilot=self.autopilot)
         upload(station.client, compiled)
         return self.recorded(
             unfinished.folder, lambda orders: fly(station, self.site, compiled, orders), killed_after=killed_after

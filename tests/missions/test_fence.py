@@ -12,8 +12,8 @@ from tests.missions.test_no_fly_transits import LEVEL, compiled
 from tests.planner.sites import make_site
 from tests.planner.test_no_fly import circle, ring
 from uavcover.errors import InfeasibleError
-from uavcover.missions.fence import fence_of
 from uavcover.missions.mission_compiler import check_fence
+from uavcover.missions.transit import fence_of
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.user import Unattended
 

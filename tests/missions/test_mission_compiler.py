@@ -13,9 +13,9 @@ from mission_io.model.items import Command, Frame, MissionItem, same_item
 from tests.missions.compiled_routes import HOME, amsl, compiled, enu_of, route, sensing_route
 from tests.planner.sites import ORIGIN, flat, hills, make_site, ridge, tower
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.missions.flights import export_text
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
-from uavcover.missions.mission_files import export_text
 from uavcover.missions.transit import transit
 from uavcover.model.limits import Obstacles
 from uavcover.model.route import Route

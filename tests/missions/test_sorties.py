@@ -14,11 +14,10 @@ import shapely
 from tests.planner.sites import flat, hills, make_site, with_scenario
 from tests.verification.flights import fly_along
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.missions.flight_costs import mission_cost, mission_time_s
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
-from uavcover.missions.objectives import judge
+from uavcover.missions.objectives import judge, mission_cost
 from uavcover.missions.sorties import Sortie, check_reach, compile_sorties
 from uavcover.model.limits import NoFly
 from uavcover.model.route import Plan, Route, RouteMember
@@ -299,7 +298,7 @@ def test_a_new_plan_of_one_flight_leaves_no_sortie_behind(tmp_path: Path) -> Non
 def test_mission_time_of_one_flight_is_that_of_its_mission(sensor: SphereSensor | None) -> None:
     site = make_site(hills, **({} if sensor is None else {"sensor": sensor}))
     route = there_and_back(site)
-    assert mission_time_s(site, route) == pytest.approx(flight_time_s(site, route.waypoints_m), rel=1e-9)
+    assert mission_cost(site, route).time_s == pytest.approx(flight_time_s(site, route.waypoints_m), rel=1e-9)
 
 
 @pytest.mark.parametrize("sensor", [None, SPHERE], ids=["along the path", "at waypoints"])
@@ -311,8 +310,8 @@ def test_mission_time_of_several_flights_is_near_that_of_their_missions(sensor: 
     assert len(sorties) > 2
     flown_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
     # The straight transits of the estimate are not those over the terrain.
-    assert mission_time_s(site, route) == pytest.approx(flown_s, rel=0.05)
-    assert judge(judging_map(site), route).mission_time_s == mission_time_s(site, route)
+    assert mission_cost(site, route).time_s == pytest.approx(flown_s, rel=0.05)
+    assert judge(judging_map(site), route).mission_time_s == mission_cost(site, route).time_s
 
 
 def test_mission_time_counts_the_items_of_a_mission() -> None:
@@ -321,7 +320,7 @@ def test_mission_time_counts_the_items_of_a_mission() -> None:
     sorties = compile_sorties(site, route, autopilot="ardupilot")
     assert len(sorties) > 1
     flown_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
-    assert mission_time_s(site, route) == pytest.approx(flown_s, rel=0.05)
+    assert mission_cost(site, route).time_s == pytest.approx(flown_s, rel=0.05)
 
 
 POWER = {"hover_induced_m_s": 3.0, "descent_gain": 0.0}

@@ -10,8 +10,8 @@ from tests.planner.sites import make_site, ridge, with_scenario
 from uavcover.errors import InputError
 from uavcover.kernels.flight_time import BLENDED, BRAKED
 from uavcover.kernels.way_cost import ENERGY, LENGTH, NO_DETOURS, TIME, route_cost
-from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.mission_compiler import compile_mission
+from uavcover.missions.objectives import mission_cost
 from uavcover.missions.way_cost import FlightEnergy, detours, mission_cost_of, power_of, way_cost_of
 from uavcover.model.limits import NoFly
 from uavcover.model.route import Route

@@ -11,9 +11,10 @@ import shapely
 from tests.missions.compiled_routes import HOME, compiled, enu_of, route
 from tests.planner.sites import hills, make_site, ridge, tower
 from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_return
-from uavcover.missions.return_advice import return_advice
+from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
 from uavcover.missions.transit import transit
 from uavcover.model.limits import Obstacles
 from uavcover.scenario.site import Site
@@ -36,10 +37,17 @@ def lowest_along(site: Site, start: np.ndarray, up_m: float) -> float:
     return float((up_m - site.ground.heights_m(start[:2] + t[:, None] * way)).min())
 
 
+def _advice(site: Site, path_m: FloatArray, waypoints: int) -> ReturnAdvice:
+    returns = OwnReturns(
+        site=site, path_m=path_m, first_waypoint=1, waypoint_count=waypoints, autopilot="ardupilot"
+    )  # fmt: skip
+    return returns.advice({})
+
+
 def test_return_advice_on_a_ridge() -> None:
     site = ridge_between()
     path = np.array([[-100, 50, 60], [50, 20, 60], [250, 20, 60], [250, 180, 60], [50, 180, 60], [-100, 50, 60]], float)
-    advice = return_advice(site, path, first_waypoint=1, waypoint_count=4, autopilot="ardupilot")
+    advice = _advice(site, path, 4)
     # 0 and 1 look home through the saddle; 2 and the leg to 3 (which begins at 2) do not; 3 is west of the ridge.
     assert advice.unsafe_waypoints == (2, 3)
     assert advice.return_height_m == 60.0
@@ -64,7 +72,7 @@ def test_a_ridge_seen_only_from_the_middle_of_a_leg() -> None:
     path = np.array([[-100, 50, 60], [200, -140, 60], [200, 240, 60], [-100, 50, 60]], float)
     ends = [lowest_along(site, point, 60.0) for point in path[1:3]]
     assert min(ends) > 20.0
-    advice = return_advice(site, path, first_waypoint=1, waypoint_count=2, autopilot="ardupilot")
+    advice = _advice(site, path, 2)
     assert advice.unsafe_waypoints == (1,)
     assert advice.worst_clearance_m == pytest.approx(-30.0, abs=1.5)
     assert advice.safe_return_height_m == pytest.approx(110.0, abs=1.5)

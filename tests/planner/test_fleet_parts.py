@@ -15,8 +15,8 @@ from tests.extras.fleet.test_unlike_fleet import FAR, mock, unlike_site
 from uavcover.errors import InputError, ScenarioError
 from uavcover.extras.fleet.command import FleetFailedError
 from uavcover.extras.fleet.jobs import planned_jobs
-from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.flights import compile_flights
+from uavcover.missions.objectives import mission_cost
 from uavcover.mock.behaviour import quick
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockVehicle

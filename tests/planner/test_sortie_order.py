@@ -8,9 +8,8 @@ import pytest
 from tests.planner.sites import make_site, ridge, with_scenario
 from uavcover.kernels.way_cost import split
 from uavcover.missions.fleet_cuts import share_out
-from uavcover.missions.flight_costs import mission_time_s, straight_flight_costs
 from uavcover.missions.leg_checks import measure_violations
-from uavcover.missions.objectives import judge_member
+from uavcover.missions.objectives import judge_member, mission_cost, straight_flight_costs
 from uavcover.missions.sorties import compile_sorties
 from uavcover.model.route import Route
 from uavcover.model.vehicle import Fleet, PowerModel, Wind
@@ -147,7 +146,7 @@ def test_sorties_are_done_sooner_and_see_as_much() -> None:
     assert has_several_sorties(site, route)
     found = reordered(site, judges, route, OrderEffort(150, 1), asked=None)
     assert found is not None
-    assert mission_time_s(site, found) < 0.95 * mission_time_s(site, route)
+    assert mission_cost(site, found).time_s < 0.95 * mission_cost(site, route).time_s
     flown_s = [
         sum(sortie.compiled.flight_time_s for sortie in compile_sorties(site, each, autopilot="ardupilot"))
         for each in (found, route)

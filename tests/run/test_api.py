@@ -9,7 +9,8 @@ from mission_io.errors import VehicleSilentError
 from tests.cli.conftest import corner_of_the_demo
 from uavcover.errors import InputError, OptimizerError
 from uavcover.flight.connect import VehicleLink, connect, home_of, require_home
-from uavcover.missions.mission_files import compile_plan, export_text
+from uavcover.missions.flights import export_text
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.planner.plan_files import bounds as bounds_of
 from uavcover.planner.plan_files import least_length_m
@@ -61,7 +62,7 @@ def test_a_saved_plan_reads_back(tmp_path: Path) -> None:
     assert document.coverage_of_coverable == chosen.metrics.coverage_of_coverable
     assert document.rule_met == outcome.plan.rule_met
     assert home_of(site) == home_of(outcome.site)
-    assert compile_plan(site, document.route).mission == outcome.compiled.mission  # type: ignore[union-attr]
+    assert compile_mission(site, document.route).mission == outcome.compiled.mission  # type: ignore[union-attr]
 
 
 def test_bounds_are_what_nothing_beats() -> None:

@@ -18,7 +18,7 @@ from tests.recording.flights import fly
 from tests.report.conftest import coarse, cut, lines_over, write_track
 from uavcover.errors import InputError
 from uavcover.flight.resume import find_unfinished, save_rest
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.area import RasterTerrain
 from uavcover.model.limits import Obstacle, Obstacles
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
@@ -67,7 +67,7 @@ def save(run: RunFolder, site: Site, route: Route) -> RunFolder | None:
     metrics = RouteMetrics(0.5, 0.5, len(route), route.length_m, route.length_m / 10.0, 60.0, 100.0, route.length_m)
     chosen = RouteMember(route, metrics, 0.0, "boustrophedon")
     plan = Plan(chosen, (chosen,), (), "coverage>=0.4", True, "imodbo", 40, 1.5)
-    compiled = compile_plan(site, route)
+    compiled = compile_mission(site, route)
     return save_plan(run, site, plan, compiled=compiled, autopilot="ardupilot", seed=3, command=COMMAND)
 
 

@@ -10,8 +10,7 @@ from uavcover.flight.connect import Connected, fly, home_of
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import Orders
 from uavcover.flight.upload import upload
-from uavcover.missions.mission_compiler import AUTOPILOTS
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import AUTOPILOTS, compile_mission
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.body import GpsError
 from uavcover.mock.dynamics import WindModel
@@ -60,7 +59,7 @@ def flown_by_the_mock(
     client, monitor = open_vehicle(link)
     monitor.listen_to(client.wait_for_vehicle().address)
     station = Connected(client, monitor, autopilot)
-    compiled = compile_plan(site, route, autopilot=autopilot)
+    compiled = compile_mission(site, route, autopilot=autopilot)
     upload(client, compiled)
     samples: list[TrackSample] = []
     fly(station, site, compiled, Orders(on_sample=samples.append, on_event=lambda _: None, stop=lambda: 0))

@@ -15,7 +15,7 @@ from uavcover.flight.flight_log import FlightLog, live_recording
 from uavcover.flight.orders import ALONE, USUAL, Clearance, FlightTimeouts, Orders, Precautions
 from uavcover.flight.resume import Unfinished, find_unfinished, fly_from_the_air, fly_on, save_rest, took_off_s
 from uavcover.flight.upload import upload, upload_document
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
@@ -85,7 +85,7 @@ def fly_run(
         FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
     """
     require_home(site)
-    compile_plan(site, route)  # a bad leg is found before the vehicle is asked
+    compile_mission(site, route)  # a bad leg is found before the vehicle is asked
     refuse_older_flight(run, options)
     with run.reserved(FLIGHT_FILES, force=options.force), connect(to, site) as vehicle:
         return fly_connected(run, site, route, vehicle, user, options)
@@ -101,7 +101,7 @@ def fly_connected(
     run: RunFolder, site: Site, route: Route, vehicle: Connected, user: User, options: FlightOptions
 ) -> tuple[FlightOutcome, dict[str, Any]]:
     """The same with a vehicle that is connected, into a run folder that is reserved."""
-    compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+    compiled = compile_mission(site, route, autopilot=vehicle.autopilot)
     if options.upload_first:
         check_home(vehicle, site, compiled)
         upload(vehicle.client, compiled)
@@ -279,7 +279,7 @@ def resume_run(
                     options = replace(options, took_off_s=float(unfinished.track.time_s[0]))
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
                 else:
-                    compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+                    compiled = compile_mission(site, route, autopilot=vehicle.autopilot)
                     check_home(vehicle, site, compiled)
                     results = upload(vehicle.client, compiled)
                     folder.write_json("upload.json", upload_document(site, compiled, to.url, results))

@@ -35,8 +35,8 @@ from uavcover.flight.orders import (
 )
 from uavcover.flight.session import Session
 from uavcover.flight.vehicle_terrain import answer_from_site
-from uavcover.missions.flight_costs import way_home
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_return
+from uavcover.missions.objectives import way_home
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import mock_endpoint

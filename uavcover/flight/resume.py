@@ -22,8 +22,7 @@ from uavcover.flight.orders import FlightPlan, Orders, custom_mode
 from uavcover.flight.progress import ResumePoint, along_leg_m, find_resume_point, remaining_route
 from uavcover.flight.session import Session, Stopped, TakenOverError, first_seq, fly_from_item, hold_mode
 from uavcover.missions.leg_checks import find_problems
-from uavcover.missions.mission_compiler import AUTOPILOTS, compile_continuation
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import AUTOPILOTS, compile_continuation, compile_mission
 from uavcover.missions.objectives import judge_member
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError, FlightOutcome
 from uavcover.model.route import Plan, Route
@@ -121,7 +120,7 @@ def save_part(
         InfeasibleError: there is no checked way to it.
     """
     started = time.monotonic()
-    compiled = compile_plan(site, route)
+    compiled = compile_mission(site, route)
     member = judge_member(judging_map(site), route, made_by, margin_m=site.scenario.limits.height_margin_m)
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule=made_by, rule_met=True, algorithm=made_by,
@@ -317,7 +316,7 @@ def _held_onward(
         or find_problems(site, way, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m)
     ):
         return None
-    compiled = compile_plan(site, unfinished.planned.route, autopilot=vehicle.autopilot)
+    compiled = compile_mission(site, unfinished.planned.route, autopilot=vehicle.autopilot)
     autopilot = AUTOPILOTS[vehicle.autopilot]
     held = vehicle.client.download(MissionType.MISSION)
     if fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot)) is not None:

@@ -18,8 +18,7 @@ from uavcover.flight.limits import read_return_parameters, return_warnings
 from uavcover.flight.orders import FlightTimeouts, require_multirotor
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import PREPARATION
-from uavcover.missions.mission_compiler import CompiledMission
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import CompiledMission, compile_mission
 from uavcover.model.route import Route
 from uavcover.run.folder import SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import note_files
@@ -93,7 +92,7 @@ def upload_run(
     The file describes the last upload only: the first message of an upload deletes it.
     """
     require_home(site)
-    compile_plan(site, route)  # a bad leg is found before the vehicle is asked
+    compile_mission(site, route)  # a bad leg is found before the vehicle is asked
     with (
         run.reserved((), force=True),
         connect(to, site) as vehicle,
@@ -106,7 +105,7 @@ def send_and_compare(
 ) -> dict[str, Any]:
     """The same over a link that is open, into a run folder that is reserved."""
     user.say(f"vehicle {vehicle.client.vehicle.system_id} at {vehicle.url}: {vehicle.client.vehicle.described}")
-    compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+    compiled = compile_mission(site, route, autopilot=vehicle.autopilot)
     check_home(vehicle, site, compiled)
     run.remove([UPLOAD_FILE])
     with telling_what_is_held(user), user.progress("uploading") as bar:

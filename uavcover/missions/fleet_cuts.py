@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uavcover.kernels.way_cost import NO_ENERGIES, FlightCosts, flight_s, split
-from uavcover.missions.flight_costs import flights_of_split
+from uavcover.missions.objectives import flights_of_split
 
 _LIMITS = 48
 """Limits on the time of a flight that are tried, evenly spaced in their logarithm."""

@@ -17,6 +17,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
 from uavcover.missions.sorties import Sortie
+from uavcover.missions.transit import home_of
 from uavcover.model.vehicle import AutopilotName, Fleet
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import pace_of
@@ -61,9 +62,7 @@ def timeline_of(site: Site, sortie: Sortie, *, autopilot: AutopilotName) -> Time
     Raises:
         InfeasibleError: the site has no home.
     """
-    home = site.home_m
-    if home is None:
-        raise InfeasibleError(f"scenario {site.scenario.name} has no [home]")
+    home = home_of(site)
     pace, path = pace_of(site, autopilot), sortie.compiled.path_m
     if trigger_distance_m(site.scenario) is not None:
         # The waypoint at which photos begin stands twice in the mission and is a stop.

@@ -38,7 +38,6 @@ from mission_io.model.items import (
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, takeoff_time
-from uavcover.missions.fence import fence_of
 from uavcover.missions.leg_checks import find_corner_problems, find_problems
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice, with_rally
 from uavcover.missions.transit import (
@@ -46,6 +45,7 @@ from uavcover.missions.transit import (
     check_transit,
     check_way_home,
     check_way_there,
+    fence_of,
     frame_and_home,
     refuse,
     transit,
@@ -160,8 +160,8 @@ class CompiledMission:
         return returns, advice
 
 
-def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> CompiledMission:
-    """Compile the planned route of a site, from take-off at home to landing there.
+def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> CompiledMission:
+    """Compile the planned route of a site, from take-off at home to landing there; by default for the scenario's autopilot.
 
     Raises:
         InputError: the scenario has no position on Earth or no home.
@@ -169,6 +169,7 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
     """
     frame, home = frame_and_home(site)
     _check_planned(site, route)
+    autopilot = autopilot or site.scenario.vehicle.autopilot
     takeoff_height_m = site.scenario.vehicle.takeoff_height_m
     there = transit(site, home[:2], route.waypoints_m[0], ground_end_height_m=takeoff_height_m)
     opening = [

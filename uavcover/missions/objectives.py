@@ -1,23 +1,276 @@
-"""Objectives of a route (Eq. 8) and its violations of hard limits."""
+"""Cost of a route's flights and of its whole mission, and its objectives (Eq. 8) and violations in the search."""
 
+import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 
+from uavcover.errors import InfeasibleError
 from uavcover.kernels import route as kernels
-from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.flight_time import flight_time
-from uavcover.kernels.way_cost import ENERGY, route_cost
-from uavcover.missions.flight_costs import MissionCost, mission_cost
+from uavcover.kernels.arrays import FloatArray, IntArray, read_only
+from uavcover.kernels.flight_time import Pace, flight_time, landing_time, leg_times, takeoff_time, turn_times
+from uavcover.kernels.way_cost import ENERGY, FlightCosts, FlightEnergies, WayCost, route_cost, split, straight_ends
 from uavcover.missions.leg_checks import corner_excess_m, measure_violations, route_height_range_m
-from uavcover.missions.way_cost import way_cost_of
+from uavcover.missions.mission_compiler import AUTOPILOTS, items_per_waypoint
+from uavcover.missions.transit import check_way_home, check_way_there, home_of, transit
+from uavcover.missions.way_cost import FlightEnergy, mission_cost_of, usable_s, way_cost_of
 from uavcover.model.route import Route, RouteMember, RouteMetrics
-from uavcover.scenario.site import Site
+from uavcover.model.vehicle import AutopilotName
+from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicles import groups_of, pace_of, vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import fleet_map, map_for
+
+
+def flight_costs_along_transits(
+    site: Site, route: Route, autopilot: AutopilotName, most_points: int | None
+) -> FlightCosts:
+    """Costs of flights whose transits follow the terrain exactly as the compiler makes them."""
+    home, vehicle = home_of(site), site.scenario.vehicle
+    points, n, pace = route.waypoints_m, len(route), pace_of(site, autopilot)
+    # The waypoint at which photos begin stands twice in the mission and is a stop.
+    stops = trigger_distance_m(site.scenario) is not None
+    there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
+    energy = FlightEnergy(site, autopilot)
+    # Routes of one Pareto set share many waypoints.
+    ways = _transits(site)
+    used_there, used_back, used_alone = np.empty((3, len(energy.winds_m_s), n))
+    for k, point in enumerate(points):
+        end = point.tobytes()
+        if end not in ways:
+            ways[end] = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
+        way = ways[end]
+        # With the turn onto the leg behind it, and off the leg before it.
+        onto, off = points[k + 1 : k + 1] if stops else points[k + 1 : k + 2], points[max(k - 1, 0) : k]
+        there[k] = _there_s(pace, home, way, onto)
+        back[k] = _back_s(pace, home, way, off)
+        # a flight to this waypoint alone turns from the way there to the way home.
+        round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
+        column_m = way[0, 2] - home[2]
+        alone[k] = takeoff_time(pace, column_m) + flight_time(pace, read_only(round_m)) + landing_time(pace, column_m)
+        items[k] = len(way) - 1
+        up, down, legs = energy.takeoff_s(column_m), energy.landing_s(column_m), len(way) - 1
+        used_there[:, k] = up + energy.first_legs_s(np.vstack([way, onto]), legs)
+        used_back[:, k] = energy.first_legs_s(np.vstack([off, way[::-1]]), -legs) + down
+        used_alone[:, k] = up + energy.path_s(round_m) + down
+    # Home, take-off, speed and transit before the route; transit and landing after it.
+    costs = _flight_costs(
+        site, points, pace, ends=(there, back, alone), items=(items + 2, items + 1), limits=_limits(site, autopilot),
+        energies=energy.flights(points, used_there, used_back, used_alone),
+    )  # fmt: skip
+    if most_points is None:
+        return costs
+    # Points are fewer than items: where items are the tighter limit, the compiler says so, and another split is tried.
+    return costs._replace(there_items=items, back_items=items, each_items=1, item_limit=float(most_points))
+
+
+@once
+def _transits(_site: Site) -> dict[bytes, FloatArray]:
+    """Transits to waypoints that were computed before, by the waypoint."""
+    return {}
+
+
+def _flight_costs(
+    site: Site, points_m: FloatArray, pace: Pace, *, ends: tuple[FloatArray, ...], items: tuple[IntArray, IntArray],
+    limits: tuple[float, float], energies: FlightEnergies,
+) -> FlightCosts:  # fmt: skip
+    """Costs of the flights of an (n, 3) route.
+
+    Args:
+        site: the scenario on its ground.
+        points_m: the route.
+        pace: of the vehicle.
+        ends: (n,) seconds there, back, and of a flight to the waypoint alone.
+        items: (n,) mission items before the waypoint, and behind it.
+        limits: seconds and items of one flight.
+        energies: of the flights.
+    """
+    there, back, alone = ends
+    return FlightCosts(
+        so_far_s=np.concatenate([[0.0], np.cumsum(leg_times(pace, points_m))]),
+        turns_s=np.cumsum(turn_times(pace, points_m)),
+        there_s=there,
+        back_s=back,
+        alone_s=alone,
+        there_items=items[0],
+        back_items=items[1],
+        each_items=items_per_waypoint(site.scenario.sensor),
+        shared=1 if site.scenario.sensor.looks_along_path else 0,
+        endurance_s=limits[0],
+        item_limit=limits[1],
+        barred=np.empty((0, 2), dtype=np.int64),
+        energies=energies,
+    )
+
+
+def _limits(site: Site, autopilot: AutopilotName) -> tuple[float, float]:
+    """Seconds and mission items of one flight."""
+    vehicle = site.scenario.vehicle
+    limits = (AUTOPILOTS[autopilot].item_limit, vehicle.max_mission_items)
+    items = min((float(limit) for limit in limits if limit is not None), default=math.inf)
+    return vehicle.longest_flight_s or math.inf, items
+
+
+def tighter(costs: FlightCosts) -> FlightCosts:
+    """The same costs with slightly lower limits."""
+    return costs._replace(
+        endurance_s=0.998 * costs.endurance_s, item_limit=costs.item_limit - 2,
+        energies=costs.energies._replace(usable_s=0.998 * costs.energies.usable_s),
+    )  # fmt: skip
+
+
+def without(costs: FlightCosts, first: int, last: int) -> FlightCosts:
+    """The same costs with one flight excluded."""
+    return costs._replace(barred=np.vstack([costs.barred, [[first, last]]]))
+
+
+def checked(costs: FlightCosts, site: Site, route: Route) -> FlightCosts:
+    """The same costs, excluding flights whose transit the compiler refuses."""
+    home, height_m = home_of(site), site.scenario.vehicle.takeoff_height_m
+    there, back = costs.there_s.copy(), costs.back_s.copy()
+    for k, point in enumerate(route.waypoints_m):
+        way = transit(site, home[:2], point, ground_end_height_m=height_m)
+        try:
+            check_way_there(site, way)
+        except InfeasibleError:
+            there[k] = math.inf
+        try:
+            check_way_home(site, way[::-1])
+        except InfeasibleError:
+            back[k] = math.inf
+    return costs._replace(there_s=there, back_s=back)
+
+
+@dataclass(frozen=True, slots=True)
+class MissionCost:
+    """Cost of the whole mission of a route, from take-off to landing, of all its flights."""
+
+    time_s: float  # in the air
+    energy_hover_s: float  # seconds of hovering that take as much of the batteries, in the stated wind
+
+
+def mission_cost(site: Site, route: Route) -> MissionCost:
+    """Time and energy of the whole mission of a route.
+
+    One flight is counted along its transits, as the compiler does. Several are split as :func:`compile_sorties` splits them, but
+    with straight transits. Nothing is checked: a route that cannot be split or flown costs what one flight does.
+    """
+    home, vehicle = site.home_m, site.scenario.vehicle
+    if home is None or len(route) == 0:
+        raise InfeasibleError(f"scenario {site.scenario.name} has no [home], or the route has no waypoints")
+    points, pace = route.waypoints_m, pace_of(site)
+    stops = trigger_distance_m(site.scenario) is not None
+    way, way_back = (
+        transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m) for point in points[[0, -1]]
+    )
+    whole_m = np.vstack([way, points[:1] if stops else points[:0], points[1:], way_back[-2::-1]])
+    time_s = float(
+        takeoff_time(pace, way[0, 2] - home[2])
+        + flight_time(pace, read_only(whole_m))
+        + landing_time(pace, way_back[0, 2] - home[2])
+    )
+    straight = mission_cost_of(site)
+    if not math.isfinite(time_s):
+        # The ground between home and the route is not known all the way: the mission is refused when it is compiled.
+        surface, of_energy = site.ground.surface, straight._replace(unit=ENERGY)
+        return MissionCost(float(route_cost(surface, straight, points)), float(route_cost(surface, of_energy, points)))
+    longest_s, most_items = _limits(site, vehicle.autopilot)
+    each = items_per_waypoint(site.scenario.sensor)
+    one = len(way) + len(way_back) + each * len(route) + 1 <= most_items and time_s <= longest_s
+    energy = FlightEnergy(site)
+    used_s = energy.takeoff_s(way[0, 2] - home[2]) + energy.path_s(whole_m) + energy.landing_s(way_back[0, 2] - home[2])
+    in_one = MissionCost(time_s, float(used_s[0]))
+    if one and float(used_s.max()) <= usable_s(vehicle):
+        return in_one
+    costs = straight_flight_costs(site, points, way_items=round(0.5 * (len(way) + len(way_back))) - 1)
+    split_s, begun = split(costs)
+    if not math.isfinite(split_s):
+        return in_one
+    flights = flights_of_split(begun, costs.shared)
+    used = [_straight_flight_s(energy, straight, points[first : last + 1]) for first, last in flights]
+    return MissionCost(float(split_s), math.fsum(used))
+
+
+def straight_flight_costs(site: Site, route_m: FloatArray, *, way_items: int) -> FlightCosts:
+    """Costs of the flights of an (n, 3) route with straight transits from and to above home.
+
+    Args:
+        site: the scenario on its ground, with a home.
+        route_m: two waypoints at least.
+        way_items: mission items of a way between home and the route, without home and take-off, or landing.
+    """
+    straight, items = mission_cost_of(site), np.full(len(route_m), way_items, dtype=np.int64)
+    return _flight_costs(
+        site,
+        route_m,
+        pace_of(site),
+        ends=straight_ends(straight, route_m),
+        items=(items + 2, items + 1),
+        limits=_limits(site, site.scenario.vehicle.autopilot),
+        energies=FlightEnergy(site).straight_flights(straight, route_m),
+    )
+
+
+def _straight_flight_s(energy: FlightEnergy, way: WayCost, points_m: FloatArray) -> float:
+    """Hovering seconds of a flight along (k, 3) waypoints in the stated wind, with straight transits."""
+    stop, top = points_m[: way.stop_at_first], np.array([way.column_top])
+    path = np.vstack([top, points_m[:1], stop, points_m[1:], top])
+    return float((energy.takeoff_s(way.column_m) + energy.path_s(path) + energy.landing_s(way.column_m))[0])
+
+
+def flights_of_split(begun: IntArray, shared: int) -> list[tuple[int, int]]:
+    """First and last waypoint of each flight, in their order.
+
+    Args:
+        begun: (n,) where the flight that ends at each waypoint begins, by :func:`uavcover.kernels.way_cost.split`.
+        shared: 1 when a flight begins at the last waypoint of the previous one.
+    """
+    end = len(begun) - shared
+    flights: list[tuple[int, int]] = []
+    while end > 0:
+        last = end - 1 + shared
+        flights.append((int(begun[last]), last))
+        end = int(begun[last])
+    return flights[::-1]
+
+
+def way_home(site: Site, place_m: FloatArray) -> tuple[FloatArray, float]:
+    """The transit home from rest at a (3,) ENU place in flight.
+
+    Returns:
+        (k, 3) ENU from the place to the ground at home, and the seconds that it takes.
+
+    Raises:
+        InfeasibleError: the site has no home.
+    """
+    home = home_of(site)
+    way = transit(site, home[:2], place_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
+    return np.vstack([way[::-1], home]), _back_s(pace_of(site), home, way, np.empty((0, 3)))
+
+
+def _there_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, onto_m: FloatArray) -> float:
+    """Time from home on the ground along a (k, 3) transit, with the turn onto the next leg."""
+    return float(takeoff_time(pace, way_m[0, 2] - home_m[2])) + _time_s(
+        pace, np.vstack([way_m, onto_m]), legs=len(way_m) - 1
+    )
+
+
+def _back_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, off_m: FloatArray) -> float:
+    """Back along a (k, 3) transit to home on the ground, with the turn off what was before."""
+    return float(landing_time(pace, way_m[0, 2] - home_m[2])) + _time_s(
+        pace, np.vstack([off_m, way_m[::-1]]), legs=1 - len(way_m)
+    )
+
+
+def _time_s(pace: Pace, points_m: FloatArray, *, legs: int) -> float:
+    """Flight time of the first ``legs`` legs of a line, or of the last ones when negative, including turns."""
+    line_m = read_only(points_m)
+    times = leg_times(pace, line_m)
+    return float((times[:legs] if legs > 0 else times[legs:]).sum() + turn_times(pace, line_m).sum())
+
 
 OBJECTIVES = ("minus_coverage", "waypoint_count", "cost")
 """Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8; the cost is what ``planner.objective`` says."""

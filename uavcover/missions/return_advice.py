@@ -9,7 +9,7 @@ import shapely
 
 from mission_io.model.items import Frame, FramedPoint, GeoPoint
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.missions.failsafe_checks import ReturnJudgement, ReturnLimits, judge_paths, judge_returns
+from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
 from uavcover.missions.failsafe_path import direct_return
 from uavcover.missions.failsafes import (
     IN_PLACE,
@@ -126,66 +126,6 @@ def destinations(site: Site, path_m: FloatArray, rally_m: FloatArray, autopilot:
     return Destinations(alts(home[None])[0], alts(rally_m), alts(path_m), site.fence, landing)
 
 
-def judge_site_returns(
-    site: Site,  # the scenario on its ground
-    path_m: FloatArray,  # (k, 3) ENU, the whole flight between the columns above home
-    *,
-    autopilot: AutopilotName,  # who returns
-    rally_m: FloatArray,  # (r, 3) ENU rally points
-    parameters: Mapping[str, float] | None = None,  # of the vehicle, as far as they are known
-    begin_s: float = 0.0,  # when the path begins
-) -> tuple[ReturnJudgement, FlightStates]:
-    """Judge all returns from a path of a site."""
-    states = flight_states(site, path_m, begin_s=begin_s)
-    to = destinations(site, path_m, rally_m, autopilot)
-    return judge_returns(settings_of(site, autopilot, parameters), states, to, return_limits(site)), states
-
-
-def return_advice(
-    site: Site,  # the scenario on its ground
-    path_m: FloatArray,  # (k, 3) ENU, the whole flight between the columns above home
-    *,
-    first_waypoint: int,  # row of the first planned waypoint in it
-    waypoint_count: int,  # how many planned waypoints follow
-    autopilot: AutopilotName,  # who returns
-    rally_m: FloatArray | None = None,  # (r, 3) ENU rally points; none: none
-    parameters: Mapping[str, float] | None = None,  # of the vehicle, as far as they are known
-    begin_s: float = 0.0,  # when the path begins
-) -> ReturnAdvice:
-    """Judge everything that the autopilot does by itself along a path."""
-    rally = np.empty((0, 3)) if rally_m is None else rally_m
-    judged, states = judge_site_returns(
-        site, path_m, autopilot=autopilot, rally_m=rally, parameters=parameters, begin_s=begin_s
-    )
-
-    def number(leg: int) -> int:
-        return min(max(leg - first_waypoint, 0), waypoint_count - 1)
-
-    away = [one for one in judged.unsafe if one.destination != IN_PLACE]
-    low = [one for one in away if one.danger != "zone"]
-    entered = [one for one in away if one.danger == "zone"]
-
-    def waypoints(unsafe: Sequence[UnsafeReturn]) -> tuple[int, ...]:
-        flown = set[int]()
-        for one in unsafe:
-            inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
-            flown |= {number(int(leg)) for leg in np.unique(states.legs[inside])}
-        return tuple(sorted(flown))
-
-    return ReturnAdvice(
-        return_height_m=judged.settings["return_height_m"],
-        unsafe_waypoints=waypoints(low),
-        worst_clearance_m=judged.least_clearance_m,
-        safe_return_height_m=judged.safe_return_height_m,
-        no_fly=tuple(sorted({one.name for one in entered})),
-        no_fly_waypoints=waypoints(entered),
-        unsafe=tuple(
-            replace(one, first_leg=number(one.first_leg), last_leg=number(one.last_leg)) for one in judged.unsafe
-        ),
-        assumed=judged.settings.assumed,
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class OwnReturns:
     """The returns of a compiled flight, to be judged by any parameters: the vehicle's, and again when they change."""
@@ -205,16 +145,40 @@ class OwnReturns:
         rally: Sequence[FramedPoint] | None = None,  # the rally points that it holds now; none: as uploaded
         home: GeoPoint | None = None,  # where its home is now; none: as planned
     ) -> ReturnAdvice:
-        """Judge the returns by a vehicle's parameters."""
+        """Judge everything that the autopilot does by itself along the path, by a vehicle's parameters."""
         site, frame = self.site, self.site.frame
         if home is not None and frame is not None:
             moved = frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]
             site = replace(site, home_m=moved)
-        points = self.rally if rally is None else tuple(rally)
-        return return_advice(
-            site, self.path_m, first_waypoint=self.first_waypoint, waypoint_count=self.waypoint_count,
-            autopilot=self.autopilot, rally_m=rally_places_m(site, points), parameters=parameters, begin_s=self.begin_s,
-        )  # fmt: skip
+        states = flight_states(site, self.path_m, begin_s=self.begin_s)
+        rally_m = rally_places_m(site, self.rally if rally is None else rally)
+        to = destinations(site, self.path_m, rally_m, self.autopilot)
+        judged = judge_returns(settings_of(site, self.autopilot, parameters), states, to, return_limits(site))
+
+        def number(leg: int) -> int:
+            return min(max(leg - self.first_waypoint, 0), self.waypoint_count - 1)
+
+        def waypoints(unsafe: Sequence[UnsafeReturn]) -> tuple[int, ...]:
+            flown = set[int]()
+            for one in unsafe:
+                inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
+                flown |= {number(int(leg)) for leg in np.unique(states.legs[inside])}
+            return tuple(sorted(flown))
+
+        away = [one for one in judged.unsafe if one.destination != IN_PLACE]
+        entered = [one for one in away if one.danger == "zone"]
+        return ReturnAdvice(
+            return_height_m=judged.settings["return_height_m"],
+            unsafe_waypoints=waypoints([one for one in away if one.danger != "zone"]),
+            worst_clearance_m=judged.least_clearance_m,
+            safe_return_height_m=judged.safe_return_height_m,
+            no_fly=tuple(sorted({one.name for one in entered})),
+            no_fly_waypoints=waypoints(entered),
+            unsafe=tuple(
+                replace(one, first_leg=number(one.first_leg), last_leg=number(one.last_leg)) for one in judged.unsafe
+            ),
+            assumed=judged.settings.assumed,
+        )
 
 
 def rally_places_m(site: Site, rally: Sequence[FramedPoint]) -> FloatArray:

@@ -11,8 +11,8 @@ from uavcover.kernels.flight_time import landing_time, takeoff_time
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import FlightCosts, battery_s, split
 from uavcover.missions.fleet_cuts import FlightsOfVehicles, fleet_cuts, unlike_cuts
-from uavcover.missions.flight_costs import checked, flight_costs_along_transits, flights_of_split, tighter, without
 from uavcover.missions.mission_compiler import CompiledMission, MissionTooLongError, compile_mission
+from uavcover.missions.objectives import checked, flight_costs_along_transits, flights_of_split, tighter, without
 from uavcover.missions.way_cost import battery_in_words, longest_flight_in_words
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName

@@ -1,17 +1,25 @@
-"""Transit legs between the column above home and the planned route."""
+"""Transit legs between the column above home and the planned route, and the fence around a mission.
+
+Fences of ArduPilot and PX4 have no floors and no ceilings for single polygons or circles: an exclusion holds at every height. So
+a zone that the mission passes over or under is left out. The keep-in fence is one polygon, the union of those the scenario gives:
+ArduPilot wants a vehicle inside of all its inclusions unless FENCE_OPTIONS says otherwise, PX4 inside of any.
+"""
 
 import dataclasses
 import math
+from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import shapely
 
+from mission_io.model.items import Fence, FenceCircle, FencePolygon, LatLon
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.profile import shortest_profile
 from uavcover.missions.leg_checks import LegProblem, find_problems
 from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
-from uavcover.scenario.airspace.zones import WayRound, ZoneCheck
+from uavcover.scenario.airspace.zones import Polygons, WayRound, Zone, ZoneCheck
 from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import LocalFrame
 
@@ -38,6 +46,17 @@ def frame_and_home(site: Site) -> tuple[LocalFrame, FloatArray]:
     if site.home_m is None:
         raise InputError(f"scenario {site.scenario.name} has no [home], where a mission takes off and lands")
     return site.frame, site.home_m
+
+
+def home_of(site: Site) -> FloatArray:
+    """The (3,) ENU home of a site.
+
+    Raises:
+        InfeasibleError: it has none.
+    """
+    if site.home_m is None:
+        raise InfeasibleError(f"scenario {site.scenario.name} has no [home]")
+    return site.home_m
 
 
 def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_height_m: float) -> FloatArray:
@@ -166,10 +185,7 @@ def check_way_there(site: Site, way_m: FloatArray) -> None:
     Raises:
         InfeasibleError: it breaks one; the message names the leg.
     """
-    check_transit(
-        site, "the outbound transit", way_m, far_end=len(way_m) - 1, far_end_lowest_agl_m=_end_lowest_agl_m(site),
-        highest_agl_m=_planned_highest_agl_m(site),
-    )  # fmt: skip
+    _check_planned_transit(site, "the outbound transit", way_m, far_end=len(way_m) - 1)
 
 
 def check_way_home(site: Site, way_m: FloatArray) -> None:
@@ -178,8 +194,14 @@ def check_way_home(site: Site, way_m: FloatArray) -> None:
     Raises:
         InfeasibleError: it breaks one; the message names the leg.
     """
+    _check_planned_transit(site, "the return transit", way_m, far_end=0)
+
+
+def _check_planned_transit(site: Site, what: str, way_m: FloatArray, *, far_end: int) -> None:
+    """Directly above or below a planned waypoint, the height band of the route applies."""
+    lowest_agl_m = min(site.scenario.limits.transit_clearance_m, site.scenario.limits.min_height_agl_m)
     check_transit(
-        site, "the return transit", way_m, far_end=0, far_end_lowest_agl_m=_end_lowest_agl_m(site),
+        site, what, way_m, far_end=far_end, far_end_lowest_agl_m=lowest_agl_m,
         highest_agl_m=_planned_highest_agl_m(site),
     )  # fmt: skip
 
@@ -230,11 +252,6 @@ def check_column(site: Site, home_m: FloatArray, top_m: FloatArray) -> None:
         )
 
 
-def _end_lowest_agl_m(site: Site) -> float:
-    """Lowest height directly above or below a planned waypoint: there the height band of the route applies."""
-    return min(site.scenario.limits.transit_clearance_m, site.scenario.limits.min_height_agl_m)
-
-
 def _planned_highest_agl_m(site: Site) -> float:
     """Planned ceiling of transits: the margin for tracking errors applies below the ceiling as well."""
     return site.scenario.transit_ceiling_agl_m - site.scenario.limits.height_margin_m
@@ -245,3 +262,99 @@ def refuse(what: str, problems: list[LegProblem]) -> None:
     if problems:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InfeasibleError(f"{what}: {problems[0]}{more}")
+
+
+_MOST_CORNERS = 70
+"""Corners of an exclusion zone: ArduPilot keeps few hundred corners of a fence in all, and at most 255 of a polygon."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionFence:
+    """A fence for a mission."""
+
+    fence: Fence  # one inclusion polygon, then exclusions
+    zones: tuple[Zone, ...]  # the no-fly zones among the exclusions
+    left_out: tuple[Zone, ...]  # those that the mission passes over or under, or inside whose hole it is
+
+
+def fence_of(site: Site, frame: LocalFrame, path_m: FloatArray) -> MissionFence:
+    """The fence for a mission along a (k, 3) ENU path from and to the column above home."""
+    exclusions = _exclusions(site)
+    path = shapely.LineString(path_m[:, :2])
+    passed = np.zeros(len(site.zones), dtype=bool)
+    near = exclusions.index.query(path, predicate="intersects")
+    passed[near] = [_is_over(site.zones[number], path) for number in near]
+    key = passed.tobytes()
+    if key not in exclusions.fences:
+        keep_in = shapely.orient_polygons(site.fence)
+        polygons = [_polygon(frame, keep_in.exterior, inclusion=True)]
+        polygons += [_polygon(frame, ring, inclusion=False) for ring in keep_in.interiors]
+        kept = [number for number in range(len(site.zones)) if not passed[number]]
+        exclusions.fences[key] = MissionFence(
+            Fence(
+                tuple(chain(polygons, *(exclusions.polygons[number] for number in kept))),
+                tuple(chain(*(exclusions.circles[number] for number in kept))),
+            ),
+            tuple(site.zones[number] for number in kept),
+            tuple(zone for zone, is_passed in zip(site.zones, passed, strict=True) if is_passed),
+        )
+    return exclusions.fences[key]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Exclusions:
+    """The zones of a site as exclusions of a fence."""
+
+    index: shapely.STRtree  # of their outlines without holes; of circles, of the polygons around them
+    polygons: list[tuple[FencePolygon, ...]]  # of each zone
+    circles: list[tuple[FenceCircle, ...]]  # of each zone
+    fences: dict[bytes, MissionFence]  # those that were made, by the zones that a mission passes over or under
+
+
+@once
+def _exclusions(site: Site) -> _Exclusions:
+    """The exclusions of a site, for all its missions."""
+    solids: list[shapely.Geometry] = []
+    polygons: list[tuple[FencePolygon, ...]] = []
+    circles: list[tuple[FenceCircle, ...]] = []
+    for zone in site.zones:
+        solid = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(zone.outline)])
+        solids.append(solid)
+        if zone.circle is not None and site.frame is not None:
+            east, north, radius = zone.circle
+            (center,) = _places(site.frame, np.array([[east, north]]))
+            circles.append((FenceCircle(center, radius, inclusion=False),))
+            polygons.append(())
+        elif site.frame is not None:
+            parts = shapely.get_parts(shapely.orient_polygons(_with_few_corners(zone, solid)))
+            circles.append(())
+            polygons.append(
+                tuple(
+                    _polygon(site.frame, part.exterior, inclusion=False)
+                    for part in parts
+                    if isinstance(part, shapely.Polygon)
+                )
+            )
+    return _Exclusions(shapely.STRtree(solids), polygons, circles, {})
+
+
+def _is_over(zone: Zone, path: shapely.LineString) -> bool:
+    """Whether a path that meets the outline of a zone, of a circle the polygon around it, meets the zone."""
+    return zone.circle is None or path.distance(shapely.Point(zone.circle[:2])) <= zone.circle[2]
+
+
+def _with_few_corners(zone: Zone, solid: shapely.Geometry) -> shapely.Geometry:
+    """A zone with fewer corners, grown to hold the whole zone, by less than the margin that the mission keeps."""
+    reach_m = 0.4 * zone.entry.margin_m
+    if shapely.get_num_coordinates(solid) <= _MOST_CORNERS or reach_m <= 0.0 or not isinstance(solid, Polygons):
+        return solid
+    return solid.buffer(reach_m, join_style="mitre", mitre_limit=1.5).simplify(reach_m)
+
+
+def _polygon(frame: LocalFrame, ring: shapely.LinearRing, *, inclusion: bool) -> FencePolygon:
+    return FencePolygon(tuple(_places(frame, np.asarray(ring.coords)[:-1, :2])), inclusion)
+
+
+def _places(frame: LocalFrame, corners_m: FloatArray) -> list[LatLon]:
+    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([corners_m, np.zeros(len(corners_m))]))
+    return [LatLon(float(a), float(o)) for a, o in zip(lat, lon, strict=True)]

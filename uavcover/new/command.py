@@ -9,7 +9,7 @@ import shapely
 
 from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.missions.flight_costs import mission_time_s
+from uavcover.missions.objectives import mission_cost
 from uavcover.missions.sorties import compile_sorties
 from uavcover.model.active_times import window_of
 from uavcover.model.limits import NoFly
@@ -219,7 +219,7 @@ def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
     route, lines = _plain_route(site, scenario.view)
     length_m = float(path_lengths_m(route.waypoints_m)[-1])
     pictures = math.floor(length_m / (trigger_distance_m(site.scenario) or length_m)) + 1
-    time_s = mission_time_s(site, route)
+    time_s = mission_cost(site, route).time_s
     words = f"about {counted(pictures, 'photo')}, {counted(lines, 'line')}, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
     batteries, rest = None, " (simple parallel lines; for the number of batteries, add --battery)"
     if vehicle.longest_flight_s is not None:

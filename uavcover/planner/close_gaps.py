@@ -13,8 +13,8 @@ import numpy as np
 
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.mission_compiler import CompiledMission, compile_continuation
-from uavcover.missions.mission_files import compile_plan, mission_texts
+from uavcover.missions.flights import mission_texts
+from uavcover.missions.mission_compiler import CompiledMission, compile_continuation, compile_mission
 from uavcover.missions.objectives import judge_member
 from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
@@ -225,7 +225,7 @@ def plan_gap_mission(
         needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
     start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
     closing = plan_closing_route(eyes, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
-    compiled = compile_plan(site, closing.route)
+    compiled = compile_mission(site, closing.route)
     continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
     route = closing.route
     member = judge_member(eyes, route, "gap-closing", margin_m=site.scenario.limits.height_margin_m)

@@ -12,9 +12,8 @@ from typing import Any, Literal
 import numpy as np
 
 from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
-from uavcover.missions.flights import compile_flights
+from uavcover.missions.flights import compile_flights, one_or_several
 from uavcover.missions.mission_compiler import CompiledMission, check_fence
-from uavcover.missions.mission_files import one_or_several
 from uavcover.missions.sorties import Sortie, check_reach
 from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Plan, Route

@@ -10,8 +10,8 @@ import numpy as np
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import IntArray
 from uavcover.kernels.way_cost import FlightCosts, battery_s
-from uavcover.missions.flight_costs import flight_costs_along_transits
 from uavcover.missions.leg_checks import measure_violations
+from uavcover.missions.objectives import flight_costs_along_transits
 from uavcover.model.route import Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planner.final_changes import simplified, surely, with_sound_corners

@@ -9,9 +9,8 @@ from importlib import metadata
 from typing import Any
 
 from uavcover.missions.fleet_cuts import share_out
-from uavcover.missions.flights import makespan_s
+from uavcover.missions.flights import makespan_s, mission_texts
 from uavcover.missions.mission_compiler import CompiledMission
-from uavcover.missions.mission_files import mission_texts
 from uavcover.missions.objectives import judge_member
 from uavcover.missions.sorties import Sortie
 from uavcover.model.route import Plan, Route

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.missions.flights import compile_flights
-from uavcover.missions.mission_files import one_or_several
+from uavcover.missions.flights import compile_flights, one_or_several
 from uavcover.missions.objectives import judge_route
 from uavcover.missions.sorties import Sortie
 from uavcover.model.route import Plan, RouteMember

@@ -22,7 +22,7 @@ from uavcover.extras.fleet.command import FleetFailedError, first_sorties
 from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
 from uavcover.flight.connect import home_of
 from uavcover.missions.flights import compile_flights
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
@@ -197,7 +197,7 @@ def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: 
     gaps = RunFolder(run.path / "gaps")
     assert told["gaps"]["gaps"] > 0
     site, mission = read_planned(gaps)
-    compile_plan(site, mission.route)  # every leg is checked
+    compile_mission(site, mission.route)  # every leg is checked
     assert (gaps.path / "mission.waypoints").read_text().startswith("QGC WPL")
     assert home_of(site) == home_of(vehicle_sites(site)[0])  # it is vehicle 1's
 

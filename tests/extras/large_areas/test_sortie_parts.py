@@ -9,8 +9,8 @@ from tests.planner.sites import flat, hills, make_site
 from uavcover.extras.large_areas.part_search import PartTask, search_part
 from uavcover.extras.large_areas.plan_by_parts import plan_by_parts
 from uavcover.extras.large_areas.sortie_parts import FEWEST, may_have_sorties, sortie_parts
-from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.leg_checks import measure_violations
+from uavcover.missions.objectives import mission_cost
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.search.optimizer_search import Effort, SearchRun

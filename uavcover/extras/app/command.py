@@ -48,8 +48,7 @@ def edit(
     """
     from uavcover.errors import InfeasibleError, InputError
     from uavcover.extras.app.scene import Scene
-    from uavcover.missions.flights import compile_flights
-    from uavcover.missions.mission_files import one_or_several
+    from uavcover.missions.flights import compile_flights, one_or_several
     from uavcover.missions.objectives import judge_route
     from uavcover.model.route import Plan, Route
     from uavcover.model.vehicle import autopilot_name

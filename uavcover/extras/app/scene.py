@@ -17,8 +17,7 @@ from uavcover.errors import InputError, UavcoverError
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.missions.failsafes import IN_PLACE
 from uavcover.missions.leg_checks import LegProblem, find_problems, find_waypoint_problems
-from uavcover.missions.mission_compiler import CompiledMission
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import CompiledMission, compile_mission
 from uavcover.missions.return_advice import flight_states
 from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Route
@@ -326,7 +325,7 @@ def _compiled(site: Site, route: Route) -> CompiledMission | None:
     if site.frame is None or site.home_m is None or route.begins:
         return None
     try:
-        return compile_plan(site, route)
+        return compile_mission(site, route)
     except UavcoverError:
         return None  # a leg that breaks a limit: the plan's own output says which
 

@@ -14,9 +14,8 @@ from mission_io.formats.point_route import CameraFlight, camera_flight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
 from uavcover.kernels.flight_time import landing_time, leg_times, takeoff_time
-from uavcover.missions.flights import compile_flights
-from uavcover.missions.mission_compiler import CompiledMission
-from uavcover.missions.mission_files import compile_plan, export_content
+from uavcover.missions.flights import compile_flights, export_content
+from uavcover.missions.mission_compiler import CompiledMission, compile_mission
 from uavcover.missions.return_advice import ReturnAdvice
 from uavcover.missions.sorties import Sortie, compile_sorties
 from uavcover.missions.way_cost import longest_flight_in_words
@@ -127,7 +126,7 @@ def flight_files(site: Site, route: Route, request: ExportRequest, *, vehicles: 
     if request.stops or request.most_points is not None or request.sortie is None:
         flights = [sortie.compiled for sortie in flights_for(site, route, request, vehicles=vehicles)]
     else:
-        flights = [compile_plan(site, route, autopilot=autopilot)]
+        flights = [compile_mission(site, route, autopilot=autopilot)]
     name = site.scenario.name
     titles = [name if len(flights) == 1 else f"{name}, flight {k + 1}" for k in range(len(flights))]
     return [

@@ -28,7 +28,7 @@ from uavcover.flight.connect import (
 from uavcover.flight.orders import require_multirotor
 from uavcover.flight.upload import send_and_compare
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.planner.close_gaps import GapRequest, close_gaps
 from uavcover.recording.writer import record_fleet
 from uavcover.run.documents import TRACK, read_planned
@@ -135,7 +135,7 @@ def upload_fleet(
     plans = [read_planned(sortie.folder) for sortie in sorties]
     for site, planned in plans:
         require_home(site)
-        compile_plan(site, planned.route)
+        compile_mission(site, planned.route)
     documents: list[dict[str, Any]] = []
     with ExitStack() as opened:
         vehicles: list[Connected] = []
@@ -146,7 +146,7 @@ def upload_fleet(
                 require_multirotor(vehicle.client)
                 if vehicle.client.vehicle.armed and not in_flight:
                     raise VehicleError("the vehicle is armed; uploading to an armed vehicle requires --in-flight")
-                check_home(vehicle, site, compile_plan(site, planned.route, autopilot=vehicle.autopilot))
+                check_home(vehicle, site, compile_mission(site, planned.route, autopilot=vehicle.autopilot))
             except Exception:
                 user.warn(
                     f"vehicle {sortie.vehicle} at {link.url} is not ready; no mission was uploaded to any vehicle"

@@ -34,8 +34,7 @@ from uavcover.flight.command import FlightOptions, record_flight
 from uavcover.flight.connect import Connected, VehicleLink, fly
 from uavcover.flight.orders import Clearance
 from uavcover.flight.upload import UPLOAD_FILE, upload, upload_document
-from uavcover.missions.mission_compiler import CompiledMission
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import CompiledMission, compile_mission
 from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.track import TrackSample
 from uavcover.run.documents import TRACK
@@ -175,7 +174,7 @@ class FleetFlight:
                 self.board.say(f"vehicle {record.vehicle}: {message}")
 
     def _fly(self, job: Job, connected: Connected, user: VehicleUser, record: FlownSortie, clock: FleetClock) -> None:
-        compiled = compile_plan(job.site, job.route, autopilot=connected.autopilot)
+        compiled = compile_mission(job.site, job.route, autopilot=connected.autopilot)
         self._wait_for_own_home(job, connected, compiled, clock)
         first = record.vehicle not in self.work.free_s
         others = self.work.flyers

@@ -11,7 +11,7 @@ from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.connect import require_home
 from uavcover.flight.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
 from uavcover.missions.fleet_schedule import Timeline, timeline_of
-from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.sorties import Sortie
 from uavcover.model.route import Route
 from uavcover.run.documents import TRACK, is_alike, read_planned
@@ -115,7 +115,7 @@ def _planned_use(site: Site, route: Route) -> tuple[Timeline, float | None]:
         InfeasibleError: a leg breaks a limit, or the flight takes too long.
     """
     autopilot = site.scenario.vehicle.autopilot
-    compiled = compile_plan(site, route)
+    compiled = compile_mission(site, route)
     timeline = timeline_of(site, Sortie(0, len(route) - 1, route, compiled), autopilot=autopilot)
     return timeline, compiled.battery_used
 

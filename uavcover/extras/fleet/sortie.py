@@ -25,8 +25,8 @@ from uavcover.flight.connect import Connected, check_home
 from uavcover.flight.schedule import BatteryUse
 from uavcover.flight.tuning import RESERVE
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.flight_costs import way_home
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission
+from uavcover.missions.objectives import way_home
 from uavcover.model.outcome import Ending, FlightOutcome
 from uavcover.model.route import Route
 from uavcover.scenario.site import Site

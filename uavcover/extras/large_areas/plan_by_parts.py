@@ -17,8 +17,8 @@ from uavcover.extras.large_areas.sortie_parts import SortiePart, may_have_sortie
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import ENERGY, route_cost
-from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.leg_checks import measure_violations
+from uavcover.missions.objectives import mission_cost
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerSettings

@@ -18,8 +18,8 @@ from shapely.affinity import affine_transform
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import leg_time
 from uavcover.kernels.way_cost import battery_s, flight_s, route_cost
-from uavcover.missions.flight_costs import straight_flight_costs
 from uavcover.missions.leg_checks import measure_violations
+from uavcover.missions.objectives import straight_flight_costs
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.planner.terrain_following import lay_over_terrain
