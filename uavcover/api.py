@@ -116,7 +116,7 @@ def upload(vehicle: "Connected", run: str | Path, *, in_flight: bool = False, us
         VehicleError: the vehicle is not a multirotor, or does not stand where the plan starts; nothing was sent.
         mission_io.MissionIoError: the vehicle refused or fell silent; says what it holds now.
     """
-    from uavcover.flight.upload import send_and_compare
+    from uavcover.flight.compiled_flight import send_and_compare
     from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
 

@@ -39,15 +39,15 @@ from mission_io.links.simulated import Conditions
 from mission_io.links.telemetry_log import TelemetryLogWriter
 from scripts.options import file_to_write
 from tests.disturbances import ALWAYS, GOOD, KINDS, Act, DisturbedLink
-from uavcover.flight.connect import Connected, fly, require_home
+from uavcover.flight.compiled_flight import fly, upload
+from uavcover.flight.connect import Connected, require_home
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions, custom_mode
-from uavcover.flight.upload import upload
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_mission
 from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import Ending, FlightFailedError
 from uavcover.model.route import Plan

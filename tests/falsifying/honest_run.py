@@ -16,17 +16,17 @@ import numpy as np
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.links.telemetry_log import LoggedLink
 from uavcover.flight.command import FlightOptions, record_flight
-from uavcover.flight.connect import Connected, fly, require_home
+from uavcover.flight.compiled_flight import fly, upload
+from uavcover.flight.connect import Connected, require_home
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import Orders
 from uavcover.flight.resume import find_unfinished, save_rest
-from uavcover.flight.upload import upload
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_mission
 from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import FlightOutcome
 from uavcover.model.route import Plan, Route

@@ -16,7 +16,7 @@ from uavcover.flight.fly import fly
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.orders import FlightPlan, OnBreach, Orders, Precautions
 from uavcover.mock.body import Ground
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.telemetry import OnTruth
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import EventKind, FlightEvent, FlightOutcome

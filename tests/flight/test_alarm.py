@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from uavcover.flight.tuning import WATCH
+from uavcover.flight.evidence import WATCH
 from uavcover.flight.watch import Alarm, ReportReason
 
 

@@ -28,7 +28,7 @@ from uavcover.mock.behaviour import quick
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.itinerary import Itinerary
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.state import MockState
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError

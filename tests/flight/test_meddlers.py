@@ -11,7 +11,7 @@ from mission_io.wire import messages as m
 from sitl_tests.meddler import LIES, Lie, Meddler
 from tests.flight.scene import Scene, make_scene, mission, presses
 from uavcover.mock.flight_control import FlightControl
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.outcome import Ending, EventKind
 

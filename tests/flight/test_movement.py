@@ -9,7 +9,7 @@ from mission_io.wire import messages as m
 from uavcover.flight.evidence import Causes
 from uavcover.flight.follower import Stillness
 from uavcover.flight.position_watch import HoldWatch
-from uavcover.flight.tuning import FOLLOWING
+from uavcover.flight.session import FOLLOWING
 
 
 def at(lat_deg: float, lon_deg: float, time_s: float = 1.0) -> m.GlobalPositionInt:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from uavcover.flight.progress import Passage, ResumePoint, find_resume_point, remaining_route
+from uavcover.flight.progress import Passage
+from uavcover.flight.resume import ResumePoint, find_resume_point, remaining_route
 from uavcover.model.track import Track
 
 ROUTE_M = np.array([(0.0, 0.0, 50.0), (100.0, 0.0, 50.0), (100.0, 40.0, 50.0), (0.0, 40.0, 50.0)])

@@ -20,7 +20,8 @@ from tests.flight.scene import Scene, make_scene, mission, plan_for, presses, wa
 from tests.planner.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.flight.command import commands_after_flight
-from uavcover.flight.connect import Connected, fly, home_of, is_in_the_air
+from uavcover.flight.compiled_flight import fly, upload
+from uavcover.flight.connect import Connected, home_of, is_in_the_air
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import Orders
 from uavcover.flight.resume import (
@@ -32,7 +33,6 @@ from uavcover.flight.resume import (
     take_over,
     took_off_s,
 )
-from uavcover.flight.upload import upload
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_mission
 from uavcover.missions.objectives import judge_member
@@ -40,7 +40,7 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import Battery, BatteryData
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.flight_control import FlightControl
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import Ending, FlightEvent, FlightFailedError, FlightOutcome
 from uavcover.model.route import Plan, Route

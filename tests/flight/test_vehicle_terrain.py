@@ -18,7 +18,8 @@ from mission_io.protocol.terrain import TerrainAnswers, place_in_block, wrapped_
 from mission_io.wire.telemetry_messages import TerrainRequest
 from tests.flight.scene import HOME, make_scene, mission
 from uavcover.errors import InputError
-from uavcover.flight.vehicle_terrain import heights_of_files, heights_of_site, write_terrain_files
+from uavcover.extras.vehicle_files.terrain_heights import write_terrain_files
+from uavcover.flight.connect import heights_of_files, heights_of_site
 from uavcover.mock.behaviour import GroundSource, quick
 from uavcover.model.outcome import Ending, FlightFailedError
 from uavcover.run.user import Unattended

@@ -15,7 +15,7 @@ from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import Command, Frame, GeoPoint, land, takeoff, waypoint
 from mission_io.wire import messages as m
 from tests.mission_io.vehicle import VehiclePeer, connected
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "vehicle_calls.md"

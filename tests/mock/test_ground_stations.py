@@ -17,8 +17,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, Mode
 from mission_io.formats.wpl import write_mission
 from tests.flight.scene import HOME, mission
 from uavcover.mock.dynamics import BatteryData
-from uavcover.mock.ports import TcpPort, UdpPort
-from uavcover.mock.server import MockServer
+from uavcover.mock.server import MockServer, TcpPort, UdpPort
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 pytestmark = pytest.mark.timeout(120)

@@ -32,7 +32,7 @@ from mission_io.wire.telemetry_messages import FileTransfer
 from tests.flight.scene import HOME, mock_vehicle
 from tests.mission_io.vehicle import VehiclePeer
 from tests.mission_io.vehicle import connected as vehicle_client
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 
 BAD = MissionItem(16, Frame.AMSL, (float("nan"), 0.0, 0.0, 0.0), 36.0, -84.0, 50.0)

@@ -17,7 +17,7 @@ from mission_io.wire import messages as m
 from tests.flight.scene import HOME, mission
 from tests.mock.bench import Bench, go
 from uavcover.mock.behaviour import OBSERVED
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 SEEN = OBSERVED[PX4.mav_autopilot]

@@ -7,7 +7,8 @@ from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from tests.flight.scene import HOME
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.ports import MockPeer, Pacing
+from uavcover.mock.server import MockPeer
+from uavcover.mock.telemetry import Pacing
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 SPEED = 100.0

@@ -24,8 +24,7 @@ from uavcover.errors import InputError, VehicleError
 from uavcover.flight.fly import fly
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import OnBreach, Orders, Precautions
-from uavcover.mock.ports import InMemoryPeer, TcpPort
-from uavcover.mock.server import BackgroundMock, MockServer, mock_endpoint, run
+from uavcover.mock.server import BackgroundMock, InMemoryPeer, MockServer, TcpPort, mock_endpoint, run
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import Ending
 

@@ -8,7 +8,7 @@ from tests.naive.file_ground import leg_ranges_m
 from tests.naive.surface_over_ground import HigherFile
 from tests.scenario.surface_files import HOUSE, WOOD, ground_height_m, lon_lat, scenario_text, stands_m, write_models
 from uavcover.errors import ScenarioError, TerrainError
-from uavcover.flight.vehicle_terrain import heights_of_site
+from uavcover.flight.connect import heights_of_site
 from uavcover.missions.flights import compile_flights
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario

@@ -6,16 +6,16 @@ from random import Random
 import numpy as np
 
 from mission_io.links.simulated import Conditions, SimulatedLink
-from uavcover.flight.connect import Connected, fly, home_of
+from uavcover.flight.compiled_flight import fly, upload
+from uavcover.flight.connect import Connected, home_of
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import Orders
-from uavcover.flight.upload import upload
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_mission
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.body import GpsError
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
 from uavcover.model.track import Track, TrackSample

@@ -11,8 +11,7 @@ from uavcover.errors import TrackError
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.verification.flown_route import PlannedRoute
-from uavcover.verification.track_doubts import TrackEnd, track_ends
-from uavcover.verification.tuning import ENDS
+from uavcover.verification.track_doubts import ENDS, TrackEnd, track_ends
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

@@ -7,6 +7,7 @@ from tests.verification.flights import fly_along, make_site, track_of
 from uavcover.model.track import Track
 from uavcover.model.verdict import Unobserved
 from uavcover.verification.flown_route import (
+    SAFETY,
     Passing,
     PlannedRoute,
     contradiction,
@@ -20,7 +21,6 @@ from uavcover.verification.flown_route import (
     ways_between_m,
 )
 from uavcover.verification.possible_motion import ImpossibleMove, Motion
-from uavcover.verification.tuning import SAFETY
 
 PLAN = np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0], [100.0, 50.0, 80.0], [0.0, 50.0, 80.0]])
 RADIUS_M = 5.0

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from uavcover.model.track import Track
-from uavcover.verification.attitude import known_attitude
+from uavcover.verification.attitude import ATTITUDE, known_attitude
 from uavcover.verification.possible_motion import Motion, MotionLimits, judge_motion
-from uavcover.verification.tuning import ATTITUDE
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 

@@ -43,8 +43,8 @@ def upload(
 ) -> int:
     """Upload a mission, fence or rally file, read it back and compare it. The terrain is not checked."""
     from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
+    from uavcover.flight.compiled_flight import say_comparison, telling_what_is_held
     from uavcover.flight.connect import connect
-    from uavcover.flight.upload import say_comparison, telling_what_is_held
     from uavcover.run.user import to_paste
 
     at = vehicle.transfer_link(to)
@@ -145,8 +145,8 @@ def plan_upload(
     planned for this number of vehicles. upload.json describes the latest upload.
     """
     from uavcover.errors import InputError
+    from uavcover.flight.compiled_flight import upload_run
     from uavcover.flight.connect import links_of_run, links_of_scenario, require_home
-    from uavcover.flight.upload import upload_run
     from uavcover.planner.command import PlanRequest, plan_into
     from uavcover.plugins import load
     from uavcover.run.documents import read_planned

@@ -7,9 +7,9 @@ from uavcover.cli.options import option
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
-    from uavcover.flight.vehicle_terrain import ElevationData
     from uavcover.new.catalog import DetectionCurve
     from uavcover.new.elevation_questions import NewRequest
+    from uavcover.terrain.terrain_source import Bounds, TerrainSource
 
 # Options for the accuracy of photos, and for the target of a search, of ``judge-photos`` and ``verify``.
 
@@ -151,6 +151,62 @@ TrustDem = Annotated[
 Band = Annotated[str | None, option("--band", "Number or name of the band with the heights; default: the first band.")]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElevationData:
+    """Elevation files as the user names them, beside any scenario."""
+
+    names: tuple[str, ...]  # files, folders or patterns of tiles
+    vertical_datum: str | None = None  # "EGM96", "EGM2008" or "ellipsoid"; None: what the files say, or EGM96
+    crs: str | None = None  # coordinate system, where the files name none
+    height_unit: str | None = None  # "m", "dm", "cm", "ft" or "us-ft", where the files do not say
+    band: str | None = None  # number or name of the band with the heights
+    water_height: str | None = None  # of open water above sea level, as "0m"; None: places without data have no height
+    option: str = "--dem"  # that names them, for errors
+
+
+def open_elevation_data(data: ElevationData, *, around: "Bounds | None" = None) -> "tuple[TerrainSource, str]":
+    """The files, and the datum of their heights.
+
+    Args:
+        data: what the user named.
+        around: west, south, east, north in degrees of what is needed; of several files only those near it are taken.
+
+    Raises:
+        InputError: no file, or a unit or a datum that is not known.
+        TerrainError: the files cannot be used.
+    """
+    from pathlib import Path
+    from typing import get_args
+
+    from uavcover.errors import InputError
+    from uavcover.model.area import HeightUnit as HeightUnitName
+    from uavcover.new.quantities import water_height_m
+    from uavcover.new.terrain_look import possible_datums
+    from uavcover.terrain.file_heights import ELLIPSOID, datum_named
+    from uavcover.terrain.terrain_source import TerrainSource, find_tiles
+
+    if not data.names:
+        raise InputError(f"{data.option}: specify elevation data, such as a raster, a folder or a pattern of tiles")
+    unit = None if data.height_unit is None else data.height_unit.casefold()
+    if unit not in (None, *get_args(HeightUnitName)):
+        raise InputError(f"--height-unit: unknown unit {data.height_unit!r}; use m, dm, cm, ft or us-ft")
+    source = TerrainSource(
+        find_tiles(data.names, folder=Path(), around=around),
+        crs=data.crs,
+        band=data.band,
+        height_unit=unit,
+        water_height_m=water_height_m(data.water_height),
+        key=data.option,
+    )
+    fitting = possible_datums(source)
+    if data.vertical_datum is None:
+        return source, fitting[0]
+    wanted = datum_named(data.vertical_datum)
+    if wanted not in fitting and not (wanted == ELLIPSOID and len(fitting) > 1):
+        raise InputError(f"--vertical-datum: the option is {wanted}, but {source} is {fitting[0]}; omit this option")
+    return source, wanted
+
+
 @dataclass(frozen=True, slots=True)
 class DemOptions:
     """The elevation data, and properties that its file does not record."""
@@ -162,10 +218,8 @@ class DemOptions:
     band: Band = None
     water_height: WaterHeight = None
 
-    def data(self) -> "ElevationData":
+    def data(self) -> ElevationData:
         """The named elevation data."""
-        from uavcover.flight.vehicle_terrain import ElevationData
-
         return ElevationData(
             names=tuple(self.dem or ()),
             vertical_datum=self.vertical_datum,

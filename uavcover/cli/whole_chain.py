@@ -16,8 +16,8 @@ from uavcover.cli.console import Console
 from uavcover.cli.options import option
 from uavcover.errors import INTERRUPTED, InputError, VehicleError
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, fly_run
+from uavcover.flight.compiled_flight import upload_run
 from uavcover.flight.connect import VehicleLink, require_home
-from uavcover.flight.upload import upload_run
 from uavcover.model.outcome import Ending
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.report.page import save_report

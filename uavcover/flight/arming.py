@@ -16,7 +16,7 @@ from mission_io.model.items import Command, GeoPoint, MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.messages import MissionCurrent
 from uavcover.errors import VehicleError
-from uavcover.flight.orders import FlightPlan
+from uavcover.flight.orders import PREPARATION, FlightPlan
 from uavcover.flight.session import (
     Session,
     Stopped,
@@ -27,7 +27,6 @@ from uavcover.flight.session import (
     set_current_item,
     set_mode,
 )
-from uavcover.flight.tuning import PREPARATION
 from uavcover.flight.watch import has_position
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 from uavcover.terrain.frames import LocalFrame

@@ -10,11 +10,11 @@ from typing import Any
 from mission_io.clock import MonotonicClock, SystemClock
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, OutputError, UavcoverError
-from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, fly, is_in_the_air, require_home
+from uavcover.flight.compiled_flight import check_home, fly, upload, upload_document
+from uavcover.flight.connect import Connected, VehicleLink, connect, is_in_the_air, require_home
 from uavcover.flight.flight_log import FlightLog, live_recording
 from uavcover.flight.orders import ALONE, USUAL, Clearance, FlightTimeouts, Orders, Precautions
 from uavcover.flight.resume import Unfinished, find_unfinished, fly_from_the_air, fly_on, save_rest, took_off_s
-from uavcover.flight.upload import upload, upload_document
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.route import Route

@@ -1,55 +1,44 @@
-"""The vehicles of a command or a site: their addresses and links, where they stand, and the flight of a compiled mission."""
+"""The vehicles of a command or a site: their addresses and links, where they stand, and the terrain heights they ask for."""
 
-from collections.abc import Iterator, Sequence
+import logging
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
-import shapely
 
 from mission_io import SigningKey
-from mission_io.client.client import Client
+from mission_io.client.client import Client, answer_terrain_requests
 from mission_io.errors import TransferSilentError, VehicleSilentError
 from mission_io.links.opening import open_link
 from mission_io.links.shared import SharedLink
 from mission_io.links.telemetry_log import LoggedLink
 from mission_io.model.items import GeoPoint
 from mission_io.model.plain_text import counted
+from mission_io.protocol.terrain import Heights, Place, TerrainAnswers
 from mission_io.protocol.timing import Timing
 from mission_io.wire.messages import ExtendedSysState, GlobalPositionInt
-from uavcover.errors import InputError
-from uavcover.flight.arming import check_home as check_home_of
-from uavcover.flight.fly import fly as fly_plan
-from uavcover.flight.follow import PlanReturn
+from uavcover.errors import InputError, TerrainError
 from uavcover.flight.monitor import Monitor, open_vehicle
-from uavcover.flight.orders import (
-    FlightPlan,
-    FlightTimeouts,
-    OperatingVolume,
-    Orders,
-    PlanNeeds,
-    require_answers,
-    require_multirotor,
-)
-from uavcover.flight.session import Session
-from uavcover.flight.vehicle_terrain import answer_from_site
-from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_return
-from uavcover.missions.objectives import way_home
+from uavcover.flight.orders import require_answers, require_multirotor
+from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import FlightOutcome
+from uavcover.model.area import RasterTerrain
 from uavcover.model.scenario import Scenario
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import load
 from uavcover.run.folder import RunFolder
-from uavcover.scenario.scenario_file import load_scenario
+from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicles import pace_of
+from uavcover.terrain.elevation_file import read_heights_amsl_m
+from uavcover.terrain.terrain_source import TerrainSource
 
+_log = logging.getLogger(__name__)
 _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
 """Timeout and interval of the question to an armed vehicle whether it stands on the ground."""
 
@@ -183,91 +172,60 @@ def require_home(site: Site) -> GeoPoint:
     return home
 
 
-def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
-    """The part of a compiled mission that a flight needs.
+def heights_of_files(source: TerrainSource, vertical_datum: str, say: Callable[[str], None]) -> Heights:
+    """The ground of elevation files; unknown without data there, or once the files are unreadable.
 
-    Raises:
-        InputError: the site has no position on Earth or no home.
+    Args:
+        source: the files.
+        vertical_datum: what their heights are above.
+        say: receives the reason when the files are unreadable.
     """
-    home = require_home(site)
-    if site.frame is None or site.home_m is None:
-        raise InputError(f"scenario {site.scenario.name} has no position on Earth; add an [origin]")
-    ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
-    point = np.array([site.home_m[0], site.home_m[1], ground])
-    return FlightPlan(
-        mission=compiled.mission,
-        first_waypoint_item=compiled.first_waypoint_item,
-        waypoint_count=compiled.waypoint_count,
-        items_per_waypoint=compiled.items_per_waypoint,
-        frame=site.frame,
-        home=compiled.mission.home or home,
-        ground_alt_amsl_m=float(site.alts_amsl_m(point)[0]),
-        ground_at=site.ground_alt_amsl_m,
-        max_home_error_m=site.scenario.limits.max_home_error_m,
-        acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
-        max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
-        max_descent_m_s=site.scenario.vehicle.max_descent_m_s,
-        volume=_operating_volume(site, compiled),
-        returns=compiled.own_returns,
-        needs=PlanNeeds(
-            pace=pace_of(site),
-            return_height_m=compiled.return_advice.needed_height_m,
-            fence=bool(compiled.fence.polygons or compiled.fence.circles),
-            camera_turns=site.scenario.sensor.turns_with_vehicle,
-            longest_flight_s=site.scenario.vehicle.longest_flight_s,
-            vehicle=site.scenario.vehicle,
-            way_home_s=lambda place_m: way_home(site, place_m)[1],
-        ),
-    )
+
+    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
+        lat_deg, lon_deg = np.array(places, dtype=float).reshape(-1, 2).T
+        try:
+            return [float(height) for height in read_heights_amsl_m(source, vertical_datum, lat_deg, lon_deg)]
+        except TerrainError as error:
+            say(f"cannot send terrain heights to the vehicle: {error}")
+            return [float("nan")] * len(places)
+
+    return heights_amsl_m
 
 
-def _operating_volume(site: Site, compiled: CompiledMission) -> OperatingVolume:
-    """Volume for positions in flight: no-fly zones count as far as they are exclusions of the fence."""
-    shapely.prepare(site.fence)
+def heights_of_site(site: Site, say: Callable[[str], None]) -> Heights | None:
+    """Ground below a site's flights, within its elevation files; none without a position on Earth."""
+    if site.frame is None:
+        return None
+    terrain = site.scenario.terrain
+    if isinstance(terrain, RasterTerrain):
+        ground = heights_of_files(terrain_source(terrain), terrain.vertical_datum, say)
+        source = surface_source(terrain)
+        if source is None:
+            return ground
+        return _higher(ground, heights_of_files(source, terrain.surface_vertical_datum or terrain.vertical_datum, say))
 
-    def ground_up_m(east_m: float, north_m: float) -> float:
-        return float(site.ground.heights_m(np.array([[east_m, north_m]]))[0])
+    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
+        heights = [site.ground_alt_amsl_m(*place) for place in places]
+        return [float("nan") if height is None else height for height in heights]
 
-    def outside_fence_m(east_m: float, north_m: float) -> float:
-        outside_m = float(site.fence.distance(shapely.Point(east_m, north_m)))
-        return max([outside_m, *(zone.depth_m(east_m, north_m) for zone in compiled.zones_in_fence)])
-
-    limits = site.scenario.limits
-    return OperatingVolume(
-        ground_up_m=ground_up_m,
-        outside_fence_m=outside_fence_m,
-        min_height_agl_m=limits.min_height_agl_m,
-        max_height_agl_m=limits.max_height_agl_m,
-    )
-
-
-def check_home(vehicle: Connected, site: Site, compiled: CompiledMission) -> None:
-    """Compare the vehicle's home with the planned one and the terrain there; heights above home would be wrong by it.
-
-    Raises:
-        VehicleError: it is farther away than the scenario allows.
-    """
-    session = Session(
-        vehicle.client, vehicle.monitor, timeouts=FlightTimeouts(), on_event=lambda _: None, stop=lambda: 0
-    )
-    check_home_of(session, flight_plan(site, compiled))
+    return heights_amsl_m
 
 
-def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Orders) -> FlightOutcome:
-    """Fly the mission that the vehicle holds: ready, check, arm, start, follow, land; see :mod:`uavcover.flight.fly`.
+def _higher(ground: Heights, surface: Heights) -> Heights:
+    """The higher of both; unknown where the surface is."""
 
-    Raises:
-        FlightFailedError: the vehicle or the link failed, or the vehicle is not what was planned for; it carries the outcome.
-    """
-    return fly_plan(
-        vehicle.client, vehicle.monitor, flight_plan(site, compiled),
-        orders, plan_return=checked_return(site),
-    )  # fmt: skip
+    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
+        low, high = np.array(ground(places), dtype=float), np.array(surface(places), dtype=float)
+        return [float(height) for height in np.where(np.isfinite(low), np.maximum(low, high), high)]
+
+    return heights_amsl_m
 
 
-def checked_return(site: Site) -> PlanReturn:
-    """Plans the return to a site's home along checked legs."""
-    return lambda lat, lon, alt: compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+def answer_from_site(client: Client, site: Site) -> None:
+    """Answer the vehicle's requests for terrain heights from a site's elevation data whenever the client waits."""
+    heights = heights_of_site(site, _log.warning)
+    if heights is not None:
+        answer_terrain_requests(client, TerrainAnswers(heights, say=_log.warning))
 
 
 def is_in_the_air(vehicle: Connected) -> bool:

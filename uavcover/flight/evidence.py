@@ -21,12 +21,43 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from mission_io.client.client import Client
+from mission_io.data_tables import data_table
 from mission_io.model.enums import AutopilotId, EkfFlag, Severity
 from mission_io.model.places import ground_distance_m
 from mission_io.wire import messages as m
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.tuning import EVIDENCE, WATCH
 from uavcover.model.outcome import Ending
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Watch:
+    repeat_s: float
+    settle_s: float
+    cause_within_s: float
+    low_battery_percent: int
+    bad_variance: float
+    jump_m: float
+    most_signs: int
+    failsafe_gap_s: float
+    sign_within_s: float
+
+
+WATCH = data_table(_Watch, "uavcover/data/flight.toml", "watch")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Evidence:
+    old_beat_s: float
+    behind_s: float
+    ask_s: float
+    ask_again_s: float
+    unanswered_s: float
+    agreeing_beats: int
+    remembered: int
+
+
+EVIDENCE = data_table(_Evidence, "uavcover/data/flight.toml", "evidence")
+
 
 _KINDS: Mapping[type[m.Message], str] = MappingProxyType(
     {m.ExtendedSysState: "EXTENDED_SYS_STATE", m.MissionCurrent: "MISSION_CURRENT"}

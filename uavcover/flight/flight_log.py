@@ -15,7 +15,7 @@ from mission_io.links.telemetry_log import TelemetryLogWriter
 from mission_io.wire import messages as m
 from uavcover.errors import OutputError
 from uavcover.flight.connect import Connected
-from uavcover.flight.tuning import RECORDS
+from uavcover.flight.fly import RECORDS
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import landing_time, leg_times, turn_times
 from uavcover.model.outcome import EventKind, FlightEvent

@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from mission_io.autopilots.autopilot import Mode
 from mission_io.client.client import Client
+from mission_io.data_tables import data_table
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
 from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
@@ -20,16 +22,33 @@ from uavcover.flight.arming import (
 from uavcover.flight.follow import PlanReturn, follow_mission, follow_taken, return_home
 from uavcover.flight.limits import AppliedLimits, tell_own_returns, tell_returns_by
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.orders import FlightPlan, FlightTimeouts, Orders, require_answers, require_multirotor, simulated_by
+from uavcover.flight.orders import (
+    PREPARATION,
+    FlightPlan,
+    FlightTimeouts,
+    Orders,
+    require_answers,
+    require_multirotor,
+    simulated_by,
+)
 from uavcover.flight.preconditions import Preconditions
-from uavcover.flight.progress import MissionProgress
-from uavcover.flight.schedule import tell_short_battery
+from uavcover.flight.progress import MissionProgress, tell_short_battery
 from uavcover.flight.session import Session, Stopped, TakenOverError
-from uavcover.flight.tuning import PREPARATION, RECORDS
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightFaultError, FlightOutcome
 from uavcover.model.track import VELOCITY_COLUMNS, TrackSample
 from uavcover.terrain.frames import LocalFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Records:
+    state_every_s: float
+    line_every_s: float
+    line_every_flown_s: float
+    max_attitude_age_s: float
+
+
+RECORDS = data_table(_Records, "uavcover/data/flight.toml", "records")
 
 
 def fly(

@@ -16,12 +16,10 @@ from uavcover.flight.arming import is_flying
 from uavcover.flight.follower import Follower
 from uavcover.flight.mission_guard import MissionGuard, VolumeWatch
 from uavcover.flight.orders import FlightPlan, OnBreach, reaction
-from uavcover.flight.position_watch import FallWatch
+from uavcover.flight.position_watch import FallWatch, PhotoWatch
 from uavcover.flight.preconditions import Preconditions
-from uavcover.flight.progress import MissionProgress
-from uavcover.flight.schedule import FlightSchedule, PhotoWatch
-from uavcover.flight.session import Session, Stopped, Timer, first_seq, fly_from_item, hold_mode, set_mode
-from uavcover.flight.tuning import FOLLOWING
+from uavcover.flight.progress import FlightSchedule, MissionProgress
+from uavcover.flight.session import FOLLOWING, Session, Stopped, Timer, first_seq, fly_from_item, hold_mode, set_mode
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
 _CHANGES = (Ending.MISSION_CHANGED, Ending.HOME_MOVED, Ending.SETTINGS_CHANGED, Ending.FENCE_CHANGED)

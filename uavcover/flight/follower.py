@@ -15,8 +15,16 @@ from uavcover.flight.mission_guard import ModeOverride
 from uavcover.flight.orders import OnBreach, Phase, policy, reaction
 from uavcover.flight.position_watch import HoldState, HoldWatch
 from uavcover.flight.progress import MissionProgress
-from uavcover.flight.session import Session, Stopped, TakenOverError, Timer, continue_mission, hold_mode, set_mode
-from uavcover.flight.tuning import FOLLOWING
+from uavcover.flight.session import (
+    FOLLOWING,
+    Session,
+    Stopped,
+    TakenOverError,
+    Timer,
+    continue_mission,
+    hold_mode,
+    set_mode,
+)
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
 

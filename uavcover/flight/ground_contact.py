@@ -7,9 +7,29 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mission_io.data_tables import data_table
 from mission_io.model.enums import LandedState
 from mission_io.wire import messages as m
-from uavcover.flight.tuning import GROUND
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Ground:
+    settle_s: float
+    still_sink_m_s: float
+    still_speed_m_s: float
+    still_height_m: float
+    moves_sink_m_s: float
+    moves_speed_m_s: float
+    near_m: float
+    falls_m_s: float
+    fallen_m: float
+    before_s: float
+    old_s: float
+    keep_s: float
+
+
+GROUND = data_table(_Ground, "uavcover/data/flight.toml", "ground")
+
 
 GroundAt = Callable[[float, float], float | None]
 """Height of the ground above sea level (metres) by latitude and longitude (degrees); None where unknown."""

@@ -17,10 +17,9 @@ from mission_io.model.plain_text import counted
 from mission_io.protocol.parameters import float_of_value, is_whole, value_of_float
 from mission_io.wire import messages as m
 from mission_io.wire.messages import ParamRequestRead, ParamValue
-from uavcover.flight.orders import FlightPlan, Precautions
+from uavcover.flight.orders import PREPARATION, FlightPlan, Precautions
 from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
 from uavcover.flight.session import Session
-from uavcover.flight.tuning import PREPARATION
 from uavcover.kernels.flight_time import Pace, mission_time
 from uavcover.missions.failsafes import failsafe_parameter_groups
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice

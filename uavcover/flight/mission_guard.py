@@ -5,10 +5,12 @@ The mission is read back while it is flown, without disturbing the flight.
 
 import math
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 
 from mission_io.autopilots.autopilot import Mode
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.autopilots.mission_lists import wire_items
+from mission_io.data_tables import data_table
 from mission_io.errors import FormatError, MissionIoError, TransferCancelledError
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted
@@ -16,8 +18,29 @@ from mission_io.wire import messages as m
 from uavcover.flight.orders import FlightPlan, OperatingVolume, custom_mode
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Timer
-from uavcover.flight.tuning import GUARD
 from uavcover.model.outcome import Ending, FlightFaultError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Guard:
+    every_s: float
+    busy_share: float
+    longest_s: float
+    again_s: float
+    look_s: float
+    settle_s: float
+    doubt_s: float
+    off_doubt_s: float
+    off_route_radii: float
+    leans_deg: float
+    comes_back_m_s: float
+    cause_within_s: float
+    warned_within_s: float
+    band_slack_m: float
+    fence_slack_m: float
+
+
+GUARD = data_table(_Guard, "uavcover/data/flight.toml", "guard")
 
 
 class ListReading:

@@ -7,10 +7,12 @@ derives vehicle time from the time stamps of the messages: a single wrong stamp 
 import math
 from collections import Counter, deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeVar
 
 from mission_io.client.client import Client
+from mission_io.data_tables import data_table
 from mission_io.links.base import Link
 from mission_io.links.opening import open_link
 from mission_io.model.enums import MissionResult, MissionState
@@ -19,7 +21,22 @@ from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address, StatusText
 from uavcover.flight.ground_contact import GroundContact
-from uavcover.flight.tuning import MONITOR
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Monitor:
+    late_s: float
+    step_s: float
+    longest_step_s: float
+    fastest_ratio: float
+    agreeing_stamps: int
+    agreeing_rare_stamps: int
+    gap_s: float
+    max_terrain_asked: int
+    doubt_s: float
+
+
+MONITOR = data_table(_Monitor, "uavcover/data/flight.toml", "monitor")
 
 
 class TextAssembler:

@@ -16,14 +16,13 @@ from mission_io.autopilots.autopilot import Autopilot, Mode
 from mission_io.autopilots.autopilot import custom_mode as number_of_mode
 from mission_io.client.client import Client
 from mission_io.client.peers import VehicleInfo, two_in_one
-from mission_io.data_tables import read_document
+from mission_io.data_tables import data_table, read_document
 from mission_io.errors import MisuseError, VehicleSilentError
 from mission_io.model.enums import AutopilotId, Firmware, VehicleKind, type_name
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from mission_io.wire import messages as m
 from uavcover.errors import InputError, VehicleError
 from uavcover.flight.ground_contact import GroundAt
-from uavcover.flight.tuning import PREPARATION
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace
 from uavcover.missions.return_advice import OwnReturns
@@ -31,6 +30,35 @@ from uavcover.model.outcome import Ending, FlightEvent
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import MOCK_UID, Vehicle
 from uavcover.terrain.frames import LocalFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Preparation:
+    telemetry_tries: int
+    ask_why_s: float
+    arming_answer_s: float
+    arming_tries: int
+    reached_items: int
+    place_each_s: float
+    parameter_each_s: float
+    most_unanswered: int
+    list_each_s: float
+    limit_answer_s: float
+    first_limit_answer_s: float
+    least_quiet_s: float
+    quiet_answers: float
+    limits_at_once: int
+    limit_rounds: int
+    home_slack_m: float
+    late_ratio: float
+    proof_answer_s: float
+    proof_again_s: float
+    after_restart_s: float
+    shown_items: int
+
+
+PREPARATION = data_table(_Preparation, "uavcover/data/flight.toml", "preparation")
+
 
 _PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
 

@@ -1,23 +1,42 @@
-"""Watch in flight whether the vehicle's home was moved, whether it holds its position, and whether it falls.
+"""Watch in flight whether home was moved, and whether the vehicle holds its position, falls, and takes its photos.
 
 Heights of a mission are above home. ArduPilot lays a leg out when it begins, so that a new home counts from the next item on; PX4
 moves the leg that is being flown.
 """
 
 import math
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
+from mission_io.data_tables import data_table
 from mission_io.model.items import Command, GeoPoint
 from mission_io.model.places import ground_distance_m
 from mission_io.wire import messages as m
-from uavcover.flight.orders import FlightPlan
-from uavcover.flight.session import Session, Timer
-from uavcover.flight.tuning import FALL, FOLLOWING, PREPARATION
+from uavcover.flight.orders import PREPARATION, FlightPlan
+from uavcover.flight.progress import SCHEDULE, MissionProgress
+from uavcover.flight.session import FOLLOWING, Session, Timer
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.outcome import Ending, FlightFaultError
 from uavcover.terrain.frames import LocalFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Fall:
+    least_fall_m_s: float
+    fall_ratio: float
+    lean_deg: float
+    tumbles_s: float
+    still_m_s: float
+    near_m: float
+    lies_m: float
+    aloft_m: float
+    lies_s: float
+    hit_still_s: float
+
+
+FALL = data_table(_Fall, "uavcover/data/flight.toml", "fall")
 
 
 class HomeWatch:
@@ -342,3 +361,77 @@ class FallWatch:
 
 def _velocity(position: m.GlobalPositionInt) -> tuple[float, float, float]:
     return position.velocity_north_m_s, position.velocity_east_m_s, position.velocity_down_m_s
+
+
+_TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
+
+
+class PhotoWatch:
+    """Compares the photos that a vehicle reports with those that its mission takes on the planned route.
+
+    A vehicle that has reported no photo at all is watched where photos are required, and otherwise not: its camera may have no
+    feedback.
+    """
+
+    def __init__(self, session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
+        self._session, self._progress = session, progress
+        items = plan.mission.items
+        self._trigger_m = max(
+            (item.params[0] for item in items if item.command == Command.DO_SET_CAM_TRIGG_DIST), default=0.0
+        )
+        self._at_waypoints = not self._trigger_m and any(item.command in _TAKES_PHOTO for item in items)
+        self._taken = session.monitor.photos_taken
+        self._begin()
+
+    def _begin(self) -> None:
+        """Count from here: a photo was reported, or the camera is off."""
+        self._from_m: FloatArray | None = None
+        self._last_m: FloatArray | None = None
+        self._expected, self._flown_m, self._since_s = 0, 0.0, self._session.monitor.time_s
+        self._reached = self._progress.reached_count
+
+    def look(self) -> None:
+        """Look once."""
+        session = self._session
+        taken, now_s, here_m = session.monitor.photos_taken, session.monitor.time_s, self._progress.place_m
+        if here_m is None or now_s is None or not (self._trigger_m or self._at_waypoints):
+            return
+        if taken != self._taken:
+            self._taken = taken
+            self._begin()
+        elif self._at_waypoints or (session.on_mission and self._progress.heading_for > 0):
+            self._count(here_m)
+        else:
+            self._from_m = self._last_m = None  # between the legs of the route the camera is off
+        watched = taken is not None or session.photos_required
+        missing = self._expected if watched and self._expected >= self._enough else None
+        lasts_s = now_s - (now_s if self._since_s is None else self._since_s)
+        session.watch.measure(
+            Ending.PHOTOS_MISSING, missing,
+            f"the camera has reported no photo for {self._flown_m:.0f} m ({lasts_s:.0f} s); expected photos: {self._expected}",
+            "the camera reports photos again",
+        )  # fmt: skip
+
+    @property
+    def _enough(self) -> float:
+        link = self._session.client.statistics
+        lost = link.lost / max(1, link.lost + link.frames_in)
+        if lost >= 1.0:
+            return math.inf
+        return (
+            max(SCHEDULE.fewest_photos, math.ceil(math.log(SCHEDULE.by_chance) / math.log(lost)))
+            if lost > 0.0
+            else SCHEDULE.fewest_photos
+        )
+
+    def _count(self, here_m: FloatArray) -> None:
+        if self._last_m is not None:
+            self._flown_m += float(np.linalg.norm(here_m - self._last_m))
+        self._last_m = here_m
+        if self._at_waypoints:
+            self._expected = self._progress.reached_count - self._reached
+        elif self._from_m is None:
+            self._from_m = here_m
+        elif (away_m := math.dist(here_m[:2], self._from_m[:2])) >= self._trigger_m:
+            self._expected += int(away_m / self._trigger_m)
+            self._from_m = here_m

@@ -16,11 +16,10 @@ from mission_io.model.items import Mission, MissionItem, MissionType, fence_from
 from mission_io.wire import messages as m
 from uavcover.flight.limits import limit_table, numbers
 from uavcover.flight.mission_guard import ListReading
-from uavcover.flight.orders import FlightPlan
+from uavcover.flight.orders import PREPARATION, FlightPlan
 from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
 from uavcover.flight.position_watch import HomeWatch, rest_of_legs
 from uavcover.flight.session import Session, Timer
-from uavcover.flight.tuning import PREPARATION
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 from uavcover.terrain.frames import LocalFrame

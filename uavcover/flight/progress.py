@@ -1,19 +1,46 @@
-"""Progress of a vehicle along its planned waypoints, in flight and by its track, and what is left of its route."""
+"""Progress of a flight along its plan: waypoints passed, delay, and whether the battery lasts."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mission_io.data_tables import data_table
 from mission_io.model.enums import Firmware
+from mission_io.model.items import Command
 from mission_io.wire import messages as m
+from mission_io.wire.telemetry_messages import SysStatus
+from uavcover.errors import UavcoverError
 from uavcover.flight.orders import FlightPlan
 from uavcover.flight.session import Session
-from uavcover.flight.tuning import PROGRESS, RESUME
+from uavcover.flight.watch import RESERVE, BatteryUse
 from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
 from uavcover.model.outcome import Ending, EventKind
-from uavcover.model.track import Track
+from uavcover.model.vehicle import Vehicle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Progress:
+    unseen_s: float
+    trust_s: float
+    step_m: float
+    slack_m: float
+
+
+PROGRESS = data_table(_Progress, "uavcover/data/flight.toml", "progress")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Resume:
+    near_radii: float
+    unseen_s: float
+    corridor_radii: float
+    overlap_radii: float
+    overlap_m: float
+
+
+RESUME = data_table(_Resume, "uavcover/data/flight.toml", "resume")
 
 
 class Passage:
@@ -65,98 +92,9 @@ class Passage:
     def _near(self, place_m: FloatArray) -> bool:
         """Whether the straight line since the last look comes near the next waypoint."""
         start_m = place_m if self._before_m is None else self._before_m
-        way_m, waypoint_m = place_m - start_m, self._waypoints_m[self.reached]
-        length2 = float(way_m @ way_m)
-        share = 0.0 if length2 == 0.0 else min(1.0, max(0.0, float((waypoint_m - start_m) @ way_m) / length2))
-        return float(np.linalg.norm(start_m + share * way_m - waypoint_m)) <= self._near_m
-
-
-@dataclass(frozen=True, slots=True)
-class ResumePoint:
-    """The end of what was flown of a planned route."""
-
-    waypoint: int  # number of the first planned waypoint that was not passed; the number of waypoints when all were
-    flown_m: float  # distance flown along the leg to it before the vehicle left it; 0 when that leg was not begun
-
-
-def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float) -> ResumePoint:
-    """Where a track left its route.
-
-    The vehicle's own count is believed where it begins, where it goes on one by one, and over a time that was not recorded; a
-    jump passes nothing (see :class:`Passage`).
-
-    Args:
-        track: what was flown; its waypoint numbers are those of the route.
-        waypoints_m: (n, 3) ENU, the planned route.
-        radius_m: the vehicle's acceptance radius.
-    """
-    passage = Passage(waypoints_m, radius_m=radius_m)
-    numbers, begun, begun_at = track.current_waypoint.tolist(), False, 0
-    gaps = np.diff(track.time_s, prepend=track.time_s[:1]) > RESUME.unseen_s
-    for row, (number, place_m) in enumerate(zip(numbers, track.enu_m, strict=True)):
-        before = passage.reached
-        if gaps[row] or (number >= 0 and not begun):
-            passage.believe(number)
-            begun = True
-        passage.take(number, place_m)
-        if passage.reached != before:
-            begun_at = row
-    flown_m = 0.0
-    if 0 < passage.reached < len(waypoints_m):
-        rows = slice(begun_at, None)
-        leg = waypoints_m[passage.reached - 1 : passage.reached + 1]
-        on_leg = (track.current_waypoint[rows] == passage.reached) & ~gaps[rows]
-        flown_m = _along_m(track.enu_m[rows], on_leg, leg, corridor_m=RESUME.corridor_radii * radius_m)
-    return ResumePoint(passage.reached, flown_m)
-
-
-def remaining_route(
-    waypoints_m: FloatArray, broken: ResumePoint, *, radius_m: float, sees_along_legs: bool
-) -> FloatArray:
-    """(k, 3) ENU: what is left of a planned route.
-
-    A sensor that looks along the path has to fly the rest of the leg that was left, too: the route begins on that leg, a
-    little before the place where it was left, because a vehicle cuts its first corner. The leg was checked at its full length
-    and so was every part of it.
-
-    Args:
-        waypoints_m: (n, 3) ENU, the planned route.
-        broken: where it was left.
-        radius_m: the vehicle's acceptance radius.
-        sees_along_legs: whether the sensor looks between the waypoints, too.
-    """
-    left = waypoints_m[broken.waypoint :]
-    if not sees_along_legs or broken.waypoint == 0 or len(left) == 0:
-        return left.copy()
-    begin, end = waypoints_m[broken.waypoint - 1], waypoints_m[broken.waypoint]
-    length_m = float(np.linalg.norm(end - begin))
-    again_m = max(0.0, broken.flown_m - RESUME.overlap_radii * radius_m - RESUME.overlap_m)
-    entry = begin if length_m == 0.0 else begin + min(1.0, again_m / length_m) * (end - begin)
-    return np.vstack([entry, left])
-
-
-def along_leg_m(place_m: FloatArray, leg_m: FloatArray) -> tuple[float, float]:
-    """Distance of a (3,) position along a (2, 3) leg, and aside of it, in metres."""
-    along = leg_m[1] - leg_m[0]
-    length_m = float(np.linalg.norm(along))
-    if length_m == 0.0:
-        return 0.0, float(np.linalg.norm(place_m - leg_m[0]))
-    flown_m = min(length_m, max(0.0, float((place_m - leg_m[0]) @ along) / length_m))
-    return flown_m, float(np.linalg.norm(place_m - leg_m[0] - flown_m / length_m * along))
-
-
-def _along_m(places_m: FloatArray, on_leg: NDArray[np.bool_], leg_m: FloatArray, *, corridor_m: float) -> float:
-    """Length of the leg that the positions follow without leaving it, from the first one on it."""
-    flown_m, begun = 0.0, False
-    for place_m, on in zip(places_m, on_leg.tolist(), strict=True):
-        along_m, aside_m = along_leg_m(place_m, leg_m)
-        if not on or aside_m > corridor_m:
-            if begun:
-                break
-            continue
-        begun = True
-        flown_m = max(flown_m, along_m)
-    return flown_m
+        waypoint_m = self._waypoints_m[self.reached]
+        nearest_m = _nearest_m(waypoint_m, np.stack([start_m, place_m]))
+        return float(np.linalg.norm(nearest_m - waypoint_m)) <= self._near_m
 
 
 class MissionProgress:
@@ -321,3 +259,164 @@ def _nearest_m(here: FloatArray, leg: FloatArray) -> FloatArray:
     fraction = 0.0 if square == 0.0 else min(1.0, max(0.0, float((here - leg[0]) @ along) / square))
     nearest: FloatArray = leg[0] + fraction * along
     return nearest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Schedule:
+    late_s: float
+    late_ratio: float
+    look_every_s: float
+    fewest_photos: int
+    by_chance: float
+
+
+SCHEDULE = data_table(_Schedule, "uavcover/data/flight.toml", "schedule")
+
+
+_WAITS = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
+
+
+@dataclass(frozen=True, slots=True)
+class Timetable:
+    """When a flight is planned to be where."""
+
+    legs_m: dict[int, FloatArray]  # the leg to each place, by the index of its item: (2, 3) ENU
+    begins_s: dict[int, float]  # when each leg is begun, by the index of its item, in seconds after take-off
+    ends_s: dict[int, float]  # when each leg is ended
+    total_s: float  # from take-off to landing
+
+    def planned_s(self, index: int, place_m: FloatArray) -> float | None:
+        """Planned time after take-off at a (3,) ENU position on the leg to an item; None without a leg."""
+        leg = self.legs_m.get(index)
+        if leg is None:
+            return None
+        along = leg[1] - leg[0]
+        square = float(along @ along)
+        fraction = 1.0 if square == 0.0 else min(1.0, max(0.0, float((place_m - leg[0]) @ along) / square))
+        return self.begins_s[index] + fraction * (self.ends_s[index] - self.begins_s[index])
+
+
+def timetable(plan: FlightPlan, pace: Pace) -> Timetable | None:
+    """The timetable of a mission; None for one without legs."""
+    legs = plan.legs_m()
+    if not legs:
+        return None
+    home_m = plan.frame.enu_from_geodetic(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)[0]
+    indices = sorted(legs)
+    path = np.vstack([legs[indices[0]][0], *(legs[index][1] for index in indices)])
+    lands = path[-1, 2] <= home_m[2] + 1.0
+    legs_s = leg_times(pace, path)
+    if lands:
+        legs_s[-1] = float(landing_time(pace, max(0.0, path[-2, 2] - path[-1, 2])))
+    turns_s = turn_times(pace, path[:-1] if lands else path)
+    climb_s = float(takeoff_time(pace, max(0.0, path[0, 2] - home_m[2])))
+    begins, ends, now_s = {}, {}, climb_s
+    items = plan.mission.items
+    for number, index in enumerate(indices):
+        begins[index] = now_s
+        now_s += float(legs_s[number]) + (float(turns_s[number + 1]) if number + 1 < len(turns_s) else 0.0)
+        ends[index] = now_s
+        until = indices[number + 1] if number + 1 < len(indices) else len(items)
+        now_s += sum(_wait_s(items[k].command, items[k].params[0]) for k in range(index, until))
+    return Timetable(legs, begins, ends, now_s)
+
+
+def _wait_s(command: int, seconds: float) -> float:
+    return seconds if command in _WAITS and math.isfinite(seconds) and seconds > 0.0 else 0.0
+
+
+def tell_short_battery(session: Session, plan: FlightPlan) -> None:
+    """Warn, before arming, of a battery that does not last for the mission above its reserve; it would fly home early."""
+    needs, status = plan.needs, session.monitor.latest(SysStatus)
+    vehicle, table = (None, None) if needs is None else (needs.vehicle, timetable(plan, needs.pace))
+    left = None if status is None else status.battery_remaining_percent
+    if vehicle is None or vehicle.endurance_s is None or table is None or left is None or left < 0:
+        return
+    used, reserve = 100.0 * table.total_s / vehicle.endurance_s, 100.0 * vehicle.reserve_fraction
+    if left + RESERVE.rounding_percent < used + reserve:
+        session.alarm(
+            f"the battery has {left} % left, but the mission uses about {used:.0f} % and the reserve is {reserve:.0f} %: "
+            "the vehicle may return before it is done; change or charge the battery"
+        )
+
+
+class FlightSchedule:
+    """Compares a flight in the air with its plan."""
+
+    def __init__(self, session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
+        self._session, self._plan, self._progress = session, plan, progress
+        needs = plan.needs
+        self._table = None if needs is None else timetable(plan, needs.pace)
+        self._vehicle = Vehicle() if needs is None or needs.vehicle is None else needs.vehicle
+        self._home_s = None if needs is None else needs.way_home_s
+        endurance_s = self._vehicle.endurance_s
+        self._use = BatteryUse(self._vehicle, 100.0 / endurance_s if endurance_s else 0.0)
+        self._began: tuple[float, float] | None = None
+        self._next_s = -math.inf
+        self.aloft_s = 0.0
+        self.late_s = 0.0
+        self.left_s: float | None = None
+        self._must: str | None = None
+
+    def look(self) -> None:
+        """Look whether the flight is late, and whether its reserve lasts; called while the vehicle is in the air."""
+        now_s, place_m = self._session.monitor.time_s, self._progress.place_m
+        if now_s is None or place_m is None or now_s < self._next_s:
+            return
+        self._next_s = now_s + SCHEDULE.look_every_s
+        index = self._plan.index_of(self._session.monitor.current_seq, self._session.autopilot)
+        planned_s = None if self._table is None else self._table.planned_s(index, place_m)
+        if self._began is None:
+            self._began = now_s, planned_s or 0.0
+        began_s, offset_s = self._began
+        self.aloft_s = now_s - began_s
+        if planned_s is None or self._table is None:
+            return
+        done_s, total_s = planned_s - offset_s, self._table.total_s - offset_s
+        self.late_s = self.aloft_s - done_s
+        pace = max(1.0, self.aloft_s / done_s) if done_s > SCHEDULE.late_s else 1.0
+        self.left_s = pace * (total_s - done_s)
+        astray = self._session.watch.is_open(Ending.MISSION_CHANGED)  # what is flown then has another timetable
+        late = not astray and self.late_s > max(SCHEDULE.late_s, SCHEDULE.late_ratio * done_s)
+        self._session.watch.measure(
+            Ending.LATE, self.late_s if late else None,
+            f"the flight is {self.late_s:.0f} s late: {self.aloft_s:.0f} s in the air instead of the planned "
+            f"{done_s:.0f} s; it will land after about {self.aloft_s + self.left_s:.0f} s instead of {total_s:.0f} s",
+            "the flight is on schedule again",
+        )  # fmt: skip
+        self._look_at_reserve(place_m, self.left_s)
+
+    def must_go_home(self) -> str | None:
+        """Reason to end the mission now for the battery's reserve; None while it may go on."""
+        return self._must
+
+    def _look_at_reserve(self, place_m: FloatArray, left_s: float) -> None:
+        vehicle, use = self._vehicle, self._use
+        status = self._session.monitor.latest(SysStatus)
+        remaining_percent = None if status is None else status.battery_remaining_percent
+        if remaining_percent is not None and remaining_percent >= 0:
+            source, percent = "the battery", float(remaining_percent)
+        elif vehicle.endurance_s is not None:
+            source, percent = "the planned endurance", 100.0 * (1.0 - self.aloft_s / vehicle.endurance_s)
+        else:
+            return
+        use.take(percent, aloft_s=self.aloft_s)
+        below = percent < 100.0 * vehicle.reserve_fraction
+        self._session.watch.measure(
+            Ending.RESERVE_USED, 100.0 / max(1.0, percent) if below else None,
+            f"the flight is using its battery reserve: {source} has {max(0.0, percent):.0f} % left, but the reserve "
+            f"is {100.0 * vehicle.reserve_fraction:.0f} %",
+            "the battery is above its reserve again",
+        )  # fmt: skip
+        if self._home_s is None or self._must is not None or use.lasts_on(left_s):
+            return
+        try:
+            home_s = self._home_s(place_m)
+        except UavcoverError:  # the ground below the return is not known
+            return
+        if not use.allows_on(rest_s=left_s, home_s=home_s):
+            self._must = (
+                f"{source} has {percent:.0f} % left and loses {60.0 * use.each_s:.1f} % per minute: the return takes "
+                f"{home_s:.0f} s and the remaining mission {left_s:.0f} s, which would use the reserve of "
+                f"{100.0 * vehicle.reserve_fraction:.0f} %; the vehicle returns now"
+            )

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mission_io.autopilots.autopilot import Mode
 from mission_io.autopilots.comparison import compare_items, fault_text
@@ -14,13 +15,15 @@ from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
 from uavcover.flight.arming import check_home_position, check_telemetry, request_telemetry
-from uavcover.flight.connect import Connected, checked_return, flight_plan
+from uavcover.flight.compiled_flight import checked_return, flight_plan
+from uavcover.flight.connect import Connected
 from uavcover.flight.fly import FlightRun
 from uavcover.flight.follow import PlanReturn, follow_mission, hold
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightPlan, Orders, custom_mode
-from uavcover.flight.progress import ResumePoint, along_leg_m, find_resume_point, remaining_route
+from uavcover.flight.progress import RESUME, Passage
 from uavcover.flight.session import Session, Stopped, TakenOverError, first_seq, fly_from_item, hold_mode
+from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_continuation, compile_mission
 from uavcover.missions.objectives import judge_member
@@ -42,6 +45,94 @@ from uavcover.run.provenance import note_in_run, read_record
 from uavcover.run.track_file import read_track
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import judging_map
+
+
+@dataclass(frozen=True, slots=True)
+class ResumePoint:
+    """The end of what was flown of a planned route."""
+
+    waypoint: int  # number of the first planned waypoint that was not passed; the number of waypoints when all were
+    flown_m: float  # distance flown along the leg to it before the vehicle left it; 0 when that leg was not begun
+
+
+def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float) -> ResumePoint:
+    """Where a track left its route.
+
+    The vehicle's own count is believed where it begins, where it goes on one by one, and over a time that was not recorded; a
+    jump passes nothing (see :class:`Passage`).
+
+    Args:
+        track: what was flown; its waypoint numbers are those of the route.
+        waypoints_m: (n, 3) ENU, the planned route.
+        radius_m: the vehicle's acceptance radius.
+    """
+    passage = Passage(waypoints_m, radius_m=radius_m)
+    numbers, begun, begun_at = track.current_waypoint.tolist(), False, 0
+    gaps = np.diff(track.time_s, prepend=track.time_s[:1]) > RESUME.unseen_s
+    for row, (number, place_m) in enumerate(zip(numbers, track.enu_m, strict=True)):
+        before = passage.reached
+        if gaps[row] or (number >= 0 and not begun):
+            passage.believe(number)
+            begun = True
+        passage.take(number, place_m)
+        if passage.reached != before:
+            begun_at = row
+    flown_m = 0.0
+    if 0 < passage.reached < len(waypoints_m):
+        rows = slice(begun_at, None)
+        leg = waypoints_m[passage.reached - 1 : passage.reached + 1]
+        on_leg = (track.current_waypoint[rows] == passage.reached) & ~gaps[rows]
+        flown_m = _along_m(track.enu_m[rows], on_leg, leg, corridor_m=RESUME.corridor_radii * radius_m)
+    return ResumePoint(passage.reached, flown_m)
+
+
+def remaining_route(
+    waypoints_m: FloatArray, broken: ResumePoint, *, radius_m: float, sees_along_legs: bool
+) -> FloatArray:
+    """(k, 3) ENU: what is left of a planned route.
+
+    A sensor that looks along the path has to fly the rest of the leg that was left, too: the route begins on that leg, a
+    little before the place where it was left, because a vehicle cuts its first corner. The leg was checked at its full length
+    and so was every part of it.
+
+    Args:
+        waypoints_m: (n, 3) ENU, the planned route.
+        broken: where it was left.
+        radius_m: the vehicle's acceptance radius.
+        sees_along_legs: whether the sensor looks between the waypoints, too.
+    """
+    left = waypoints_m[broken.waypoint :]
+    if not sees_along_legs or broken.waypoint == 0 or len(left) == 0:
+        return left.copy()
+    begin, end = waypoints_m[broken.waypoint - 1], waypoints_m[broken.waypoint]
+    length_m = float(np.linalg.norm(end - begin))
+    again_m = max(0.0, broken.flown_m - RESUME.overlap_radii * radius_m - RESUME.overlap_m)
+    entry = begin if length_m == 0.0 else begin + min(1.0, again_m / length_m) * (end - begin)
+    return np.vstack([entry, left])
+
+
+def along_leg_m(place_m: FloatArray, leg_m: FloatArray) -> tuple[float, float]:
+    """Distance of a (3,) position along a (2, 3) leg, and aside of it, in metres."""
+    along = leg_m[1] - leg_m[0]
+    length_m = float(np.linalg.norm(along))
+    if length_m == 0.0:
+        return 0.0, float(np.linalg.norm(place_m - leg_m[0]))
+    flown_m = min(length_m, max(0.0, float((place_m - leg_m[0]) @ along) / length_m))
+    return flown_m, float(np.linalg.norm(place_m - leg_m[0] - flown_m / length_m * along))
+
+
+def _along_m(places_m: FloatArray, on_leg: NDArray[np.bool_], leg_m: FloatArray, *, corridor_m: float) -> float:
+    """Length of the leg that the positions follow without leaving it, from the first one on it."""
+    flown_m, begun = 0.0, False
+    for place_m, on in zip(places_m, on_leg.tolist(), strict=True):
+        along_m, aside_m = along_leg_m(place_m, leg_m)
+        if not on or aside_m > corridor_m:
+            if begun:
+                break
+            continue
+        begun = True
+        flown_m = max(flown_m, along_m)
+    return flown_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

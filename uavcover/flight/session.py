@@ -2,10 +2,12 @@
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot, Mode, mode_from_custom
 from mission_io.client.client import Client
+from mission_io.data_tables import data_table
 from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentError, WaitCancelledError
 from mission_io.model.enums import AutopilotId, CommandResult, MissionState, Severity
 from mission_io.model.items import Command
@@ -13,11 +15,32 @@ from mission_io.wire import messages as m
 from mission_io.wire.messages import MissionCurrent, MissionSetCurrent
 from uavcover.flight.evidence import Evidence
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.orders import FlightTimeouts, OnBreach, custom_mode
+from uavcover.flight.orders import PREPARATION, FlightTimeouts, OnBreach, custom_mode
 from uavcover.flight.parameter_rules import Limit
-from uavcover.flight.tuning import FOLLOWING, PREPARATION
 from uavcover.flight.watch import Watch
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Following:
+    moved_m: float
+    going_on_s: float
+    evidence_s: float
+    most_holds: int
+    comes_to_rest_s: float
+    look_s: float
+    drift_m: float
+    calm_s: float
+    at_rest_m_s: float
+    most_ways_home: int
+    aside_m: float
+    home_samples: int
+    poll_s: float
+    unknown_s: float
+
+
+FOLLOWING = data_table(_Following, "uavcover/data/flight.toml", "following")
+
 
 ResultT = TypeVar("ResultT")
 

@@ -1,6 +1,7 @@
-"""The messages in which the mock vehicle reports its state, and a log of its true position.
+"""The messages in which the mock vehicle reports its state, how fast it sends them, and a log of its true position.
 
-The log is for tests and for judging a track.
+The log is for tests and for judging a track. Pacing limits how far a vehicle that flies faster than real time may run ahead of
+the ground stations that listen to it.
 """
 
 import csv
@@ -8,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from typing import Generic, TypeVar
 
 from mission_io.autopilots.autopilot import Mode
 from mission_io.links.base import Closing
@@ -15,7 +17,9 @@ from mission_io.model.enums import EkfFlag, GpsFix, MissionState, ModeFlag
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
+from mission_io.wire.telemetry_messages import TimeSync
 from uavcover.errors import InputError
+from uavcover.mock.behaviour import LINK
 from uavcover.mock.state import MockState
 from uavcover.model.vehicle import MOCK_UID
 
@@ -245,3 +249,55 @@ _BUILDERS: dict[type[m.Message], Callable[[MockState], m.Message | None]] = {
 
 KIND_BY_ID: dict[int, type[m.Message]] = {message_id(kind): kind for kind in _BUILDERS}
 """The kinds of message that can be requested."""
+
+
+PlaceT = TypeVar("PlaceT")
+
+
+class Pacing(Generic[PlaceT]):
+    """Sends TIMESYNC requests after all other messages: the answer shows how far a ground station has read.
+
+    A real vehicle sends no more than a ground station can process; at a hundred times real time a busy machine would lose
+    messages that no real link loses. Ground stations that never answer, or have stopped answering, are not waited for.
+    """
+
+    def __init__(self) -> None:
+        self._asked_s = 0.0
+        self._asked_at = 0.0
+        self._read_s: dict[PlaceT, float] = {}
+        self._waits_since: float | None = None
+
+    def questions(self, vehicle_s: float, now: float) -> list[TimeSync]:
+        """The request to send at a vehicle time, and at ``now`` on the link's clock; empty when none is due."""
+        due = vehicle_s - self._asked_s >= LINK.ask_every_s
+        again = self._waits_since is not None and now - self._asked_at >= LINK.ask_again_s
+        if not (due or again):
+            return []
+        self._asked_s, self._asked_at = vehicle_s, now
+        return [TimeSync(answered_ns=0, asked_ns=round(vehicle_s * 1e9))]
+
+    def take(self, place: PlaceT, answer: TimeSync) -> None:
+        """Take a ground station's answer to a request of this vehicle; its own requests are ignored."""
+        if answer.answered_ns == 0 or not 0 < answer.asked_ns <= round(self._asked_s * 1e9):
+            return
+        self._read_s[place] = max(self._read_s.get(place, 0.0), answer.asked_ns / 1e9)
+
+    def forget(self) -> None:
+        """Wait for no ground station until it answers again: none can hear the vehicle, or be heard."""
+        self._read_s.clear()
+        self._waits_since = None
+
+    def waits(self, vehicle_s: float, now: float) -> bool:
+        """Whether vehicle time must stand still because a ground station lags behind."""
+        behind = [place for place, read_s in self._read_s.items() if vehicle_s - read_s > LINK.ahead_s]
+        if not behind:
+            self._waits_since = None
+            return False
+        if self._waits_since is None:
+            self._waits_since = now
+        if now - self._waits_since <= LINK.unanswered_s:
+            return True
+        for place in behind:
+            del self._read_s[place]
+        self._waits_since = None
+        return False

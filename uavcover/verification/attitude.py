@@ -18,13 +18,44 @@ from typing import Literal
 
 import numpy as np
 
+from mission_io.data_tables import data_table
 from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
-from uavcover.verification.lean_fit import lean_fits, mean_over, thrust_m_s2
+from uavcover.verification.lean_fit import LEAN, lean_fits, mean_over, thrust_m_s2
 from uavcover.verification.measured_motion import FITTED_STEP_S, Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
-from uavcover.verification.tuning import ATTITUDE, LEAN
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Attitude:
+    most_unexplained_m_s2: float
+    most_unexplained_in_block_m_s2: float
+    block_s: float
+    most_noise_m_s2: float
+    most_sideways_deg: float
+    most_backwards_deg: float
+    window_s: float
+    longest_s: float
+    moves_m_s: float
+    enough_blocks: int
+    enough_in_block: int
+    own_share: float
+    max_age_s: float
+    max_tilt_deg: float
+    stuck_s: float
+    turned_deg: float
+    course_s: float
+    most_radians: float
+    agrees_deg: float
+    differs_deg: float
+    course_m_s: float
+    brisk_m_s2: float
+    least_lean_share: float
+    enough_windows: int
+
+
+ATTITUDE = data_table(_Attitude, "uavcover/data/verification.toml", "attitude")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -42,10 +42,9 @@ from uavcover.verification.flown_coverage import (
     count_observations,
     counter_of,
 )
-from uavcover.verification.flown_route import PlannedRoute
+from uavcover.verification.flown_route import TRACK, PlannedRoute
 from uavcover.verification.gaps import REASONS, cells_geotiff, reason_codes
 from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, date_bounds, planned_for, read_log
-from uavcover.verification.tuning import TRACK
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight, verify_track
 
 # Whether the elevation data is right: the ground that vehicles measured in flight, against the ground they are judged on.

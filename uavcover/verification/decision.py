@@ -35,6 +35,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics
 from uavcover.verification.flown_coverage import NOTHING_KNOWN, FlownCoverage, PictureEvidence, possibly_seen
 from uavcover.verification.flown_route import (
+    TRACK,
     length_of_m,
     place_of,
     stretch_at,
@@ -47,7 +48,6 @@ from uavcover.verification.observations import level_observations
 from uavcover.verification.possible_motion import motion_limits
 from uavcover.verification.several_flights import NOT_ASKED, Separation
 from uavcover.verification.track_doubts import FlightContinuation, continuations
-from uavcover.verification.tuning import TRACK
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,9 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts
 from uavcover.sensing.sensors import add_observations
 from uavcover.sensing.site_maps import judging_block, row_blocks
+from uavcover.verification.flown_route import TRACK
 from uavcover.verification.observations import Observations
 from uavcover.verification.possible_motion import MAX_LEAN_DEG
-from uavcover.verification.tuning import TRACK
 
 
 @dataclass(frozen=True, slots=True, eq=False)

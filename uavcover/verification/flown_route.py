@@ -7,12 +7,54 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_io.data_tables import data_table
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 from uavcover.model.verdict import Unobserved, UnobservedReason
 from uavcover.scenario.site import Site
 from uavcover.verification.possible_motion import MAX_JUMP_M, Motion
-from uavcover.verification.tuning import SAFETY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Track:
+    max_contradiction_m: float
+    reported_height_m: float
+    roll_m: float
+    place_margin_m: float
+    max_impossible_moves: int
+    around_s: float
+    most_legs: int
+    moments: int
+    max_unobserved_ways_fraction: float
+    shown: int
+    fewest_samples: int
+    spreads: float
+    largest_turn_deg: float
+    same_view_m: float
+
+
+TRACK = data_table(_Track, "uavcover/data/verification.toml", "track")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Safety:
+    speed_window_s: float
+    sustained_s: float
+    under_way: float
+    too_slow: float
+    speed_tolerance: float
+    fence_step_m: float
+    on_the_fence_m: float
+    ground_m: float
+    shifts: int
+    separation_longest_s: float
+    overtaken_s: float
+    lateness_s: float
+    kept_at_least: float
+    order_of: int
+
+
+SAFETY = data_table(_Safety, "uavcover/data/verification.toml", "safety")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

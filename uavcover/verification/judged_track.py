@@ -12,6 +12,8 @@ from uavcover.model.verdict import LIMIT_OF, Finding, PhotoSource, Unobserved, V
 from uavcover.scenario.site import Site
 from uavcover.verification.attitude import known_attitude
 from uavcover.verification.flown_route import (
+    SAFETY,
+    TRACK,
     Passing,
     PlannedRoute,
     contradiction,
@@ -44,7 +46,6 @@ from uavcover.verification.safety import (
     zones_at_unknown_time,
 )
 from uavcover.verification.track_doubts import TrackEnd, ground_tolerance_m, motion_doubts, sampling_doubts, track_ends
-from uavcover.verification.tuning import SAFETY, TRACK
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,10 +11,35 @@ from typing import Self
 
 import numpy as np
 
+from mission_io.data_tables import data_table
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.verification.measured_motion import FITTED_STEP_S, NOISE_MEDIANS, Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
-from uavcover.verification.tuning import LEAN
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Lean:
+    sure_deviations: float
+    smallest_signal: float
+    gust_lean_m_s2: float
+    model_share: float
+    most_late_s: float
+    slow_s: float
+    step_s: float
+    noise_ratio: float
+    least_m_s: float
+    longest_half_s: float
+    window_s: float
+    enough_windows: int
+    least_share: float
+    model_error: float
+    axes_from_s: float
+    quiet_s: float
+    quiet_percent: float
+
+
+LEAN = data_table(_Lean, "uavcover/data/verification.toml", "lean")
+
 
 LEAST_ACCELERATION_OF_LEAN, MOST_ACCELERATION_OF_LEAN = 0.5, 1.4
 """Acceleration of the track in that of the lean. Simulated autopilots: 0.8 to 1.0, 0.5 in gusts, 0.3 if reversed in time."""

@@ -21,8 +21,23 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_io.data_tables import data_table
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.verification.tuning import VELOCITY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Velocity:
+    deviations: float
+    reset_m_s: float
+    skew_s: float
+    stamp_s: float
+    longest_step_s: float
+    rounding_m: float
+    rounding_s: float
+
+
+VELOCITY = data_table(_Velocity, "uavcover/data/verification.toml", "velocity")
+
 
 NOISE_MEDIANS = 6.0
 """The noise allowance, in medians of the second differences: random errors of a million samples stay below it."""

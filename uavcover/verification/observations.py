@@ -17,8 +17,7 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import MissingPhotos, PhotoSource
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import sample_spacing_m, trigger_distance_m, turns_with_legs
-from uavcover.verification.flown_route import PlannedRoute, lat_lon_deg, length_of_m, observed_stretches
-from uavcover.verification.tuning import TRACK
+from uavcover.verification.flown_route import TRACK, PlannedRoute, lat_lon_deg, length_of_m, observed_stretches
 
 _REACHED_RADII = 2.0
 _MATCH_FRACTION = 0.5

@@ -20,9 +20,8 @@ from uavcover.model.verdict import Violation, ViolationKind
 from uavcover.scenario.airspace.zones import Zone, ZoneBreach
 from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
-from uavcover.verification.flown_route import PlannedRoute, observed_stretches
+from uavcover.verification.flown_route import SAFETY, PlannedRoute, observed_stretches
 from uavcover.verification.measured_motion import FITTED_STEP_S
-from uavcover.verification.tuning import SAFETY
 
 
 def ground_speeds_m_s(track: Track, enu_m: FloatArray, joined: BoolArray) -> FloatArray:

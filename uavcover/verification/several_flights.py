@@ -11,14 +11,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_io.data_tables import data_table
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
 from uavcover.model.verdict import Finding, PairSeparation, Violation, fails, unproved
 from uavcover.scenario.site import Site
+from uavcover.verification.flown_route import SAFETY
 from uavcover.verification.judged_track import JudgedTrack
 from uavcover.verification.possible_motion import MotionLimits, motion_limits
 from uavcover.verification.run_logs import SharedTimes, shared_times
-from uavcover.verification.tuning import SAFETY, SAME_FLIGHT
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _SameFlight:
+    agree_m: float
+    receiver_m: float
+    one_vehicle_m: float
+    percentile: float
+    enough_fraction: float
+    least_s: float
+    least_share: float
+    step_s: float
+    moves_m_s: float
+    probes: int
+    candidates: int
+    bin_s: float
+    max_gap_s: float
+    near_s: float
+
+
+SAME_FLIGHT = data_table(_SameFlight, "uavcover/data/verification.toml", "same_flight")
 
 
 @dataclass(frozen=True, slots=True)

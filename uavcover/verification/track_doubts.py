@@ -11,13 +11,14 @@ from typing import Literal
 
 import numpy as np
 
+from mission_io.data_tables import data_table
 from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.scenario import Scenario
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
 from uavcover.verification.attitude import KnownAttitude
-from uavcover.verification.flown_route import place_of
+from uavcover.verification.flown_route import TRACK, place_of
 from uavcover.verification.measured_motion import COARSE_STEP_S, Windows
 from uavcover.verification.possible_motion import (
     ACCELERATION_WINDOWS_S,
@@ -26,7 +27,21 @@ from uavcover.verification.possible_motion import (
     Motion,
     MotionLimits,
 )
-from uavcover.verification.tuning import ENDS, TRACK
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Ends:
+    still_s: float
+    still_level_m_s: float
+    still_vertical_m_s: float
+    noise_medians: float
+    near_terrain_m: float
+    same_height_m: float
+    drift_m: float
+    same_place_m: float
+
+
+ENDS = data_table(_Ends, "uavcover/data/verification.toml", "ends")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ from mission_io.links.simulated import Conditions, ManualClock, SimulatedLink
 from mission_io.links.telemetry_log import LoggedLink
 from uavcover.flight.connect import Connected, VehicleLink
 from uavcover.flight.monitor import open_vehicle
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.scenario.site import Site
 

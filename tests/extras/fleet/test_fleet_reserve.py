@@ -9,7 +9,7 @@ import pytest
 
 from tests.extras.fleet.scripted_fleet import SITE
 from uavcover.extras.fleet.sortie import ReserveWatch
-from uavcover.flight.schedule import BatteryUse
+from uavcover.flight.watch import BatteryUse
 from uavcover.model.vehicle import Vehicle
 
 VEHICLE = Vehicle(endurance_s=600.0, reserve_fraction=0.2)

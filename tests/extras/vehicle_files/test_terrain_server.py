@@ -64,8 +64,7 @@ def test_bad_input_is_one_line(cli: Cli, arguments: tuple[str, ...], code: int, 
 def test_a_run_answers_by_itself(planned: Path, cli: Cli) -> None:
     """plan-upload from the scenario's own files, which reach farther than the ground that was read for planning."""
     from mission_io.protocol.terrain import place_in_block, places_of_block
-    from uavcover.flight.connect import connect, home_of
-    from uavcover.flight.vehicle_terrain import heights_of_site
+    from uavcover.flight.connect import connect, heights_of_site, home_of
     from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder
 

@@ -17,7 +17,7 @@ from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
 from tests.mission_io.conformance.mutants import MUTANTS
 from tests.mission_io.vehicle import VehiclePeer
-from uavcover.mock.ports import InMemoryPeer
+from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 
 BY_NAME = {case.name: case for case in VEHICLE_CASES}

@@ -17,10 +17,10 @@ from mission_io.formats.map_xml import read_gpx_route, read_kml_route
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.items import Mission
+from uavcover.cli.survey_options import ElevationData, open_elevation_data
 from uavcover.errors import InputError, NoTileNearError, TerrainError
 from uavcover.extras.check.check import Bounds
 from uavcover.extras.check.tuning import WORLD
-from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.kernels.arrays import FloatArray
 from uavcover.new.elevation_questions import ask_about_heights, ask_about_surface
 from uavcover.new.terrain_look import read_as_needed, surface_datum

@@ -15,6 +15,7 @@ from mission_io.model.enums import AutopilotId, VehicleKind, kind_of
 from mission_io.model.items import Command, Fence, FramedPoint, Mission
 from mission_io.model.places import doubts_about_fence
 from mission_io.model.plain_text import counted
+from uavcover.cli.survey_options import ElevationData
 from uavcover.errors import InputError, ScenarioError
 from uavcover.extras.check.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.extras.check.check_elevation import ROUTE_SUFFIXES, open_check_elevation, read_route_file
@@ -32,7 +33,6 @@ from uavcover.extras.check.world import (
     default_aircraft,
     radius_of_bank_m,
 )
-from uavcover.flight.vehicle_terrain import ElevationData
 from uavcover.missions.failsafes import failsafe_settings
 from uavcover.model.active_times import window_of
 from uavcover.model.limits import NoFly, Obstacle

@@ -16,17 +16,9 @@ from uavcover.extras.fleet.jobs import OnLoss, planned_jobs, require_at_once
 from uavcover.extras.fleet.sortie import FleetClock, RealClock
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, refuse_older_flight
-from uavcover.flight.connect import (
-    Connected,
-    VehicleLink,
-    VehiclePlace,
-    check_home,
-    connect,
-    require_different,
-    require_home,
-)
+from uavcover.flight.compiled_flight import check_home, send_and_compare
+from uavcover.flight.connect import Connected, VehicleLink, VehiclePlace, connect, require_different, require_home
 from uavcover.flight.orders import require_multirotor
-from uavcover.flight.upload import send_and_compare
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.planner.close_gaps import GapRequest, close_gaps

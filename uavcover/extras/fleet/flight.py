@@ -31,9 +31,9 @@ from uavcover.extras.fleet.sortie import (
 from uavcover.extras.fleet.traffic import FleetPhase, Traffic
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.command import FlightOptions, record_flight
-from uavcover.flight.connect import Connected, VehicleLink, fly
+from uavcover.flight.compiled_flight import UPLOAD_FILE, fly, upload, upload_document
+from uavcover.flight.connect import Connected, VehicleLink
 from uavcover.flight.orders import Clearance
-from uavcover.flight.upload import UPLOAD_FILE, upload, upload_document
 from uavcover.missions.mission_compiler import CompiledMission, compile_mission
 from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.track import TrackSample

@@ -21,9 +21,9 @@ from uavcover.extras.fleet.board import Board
 from uavcover.extras.fleet.jobs import Job, OnLoss, Queues, for_another, left_of, require_gain, rest_of, time_for
 from uavcover.extras.fleet.traffic import FleetPhase, Traffic
 from uavcover.extras.fleet.tuning import FLEET
-from uavcover.flight.connect import Connected, check_home
-from uavcover.flight.schedule import BatteryUse
-from uavcover.flight.tuning import RESERVE
+from uavcover.flight.compiled_flight import check_home
+from uavcover.flight.connect import Connected
+from uavcover.flight.watch import RESERVE, BatteryUse
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission
 from uavcover.missions.objectives import way_home

@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 
 from mission_io.model.places import M_PER_DEG
+from uavcover.cli.survey_options import ElevationData, open_elevation_data
 from uavcover.errors import InputError, NoTileNearError
-from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.new.elevation_questions import (
     NationalSource,
     NeededTiles,

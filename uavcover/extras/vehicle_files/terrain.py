@@ -27,8 +27,9 @@ def terrain_server(
     metres. Blocks without elevation data are not sent. fly and plan-upload answer requests with the data of their
     scenario, so they do not need this command.
     """
-    from uavcover.flight.connect import connect
-    from uavcover.flight.vehicle_terrain import heights_of_files, open_elevation_data, serve_terrain
+    from uavcover.cli.survey_options import open_elevation_data
+    from uavcover.extras.vehicle_files.terrain_heights import serve_terrain
+    from uavcover.flight.connect import connect, heights_of_files
 
     console = output.console()
     source, datum = open_elevation_data(dem.data())
@@ -77,9 +78,11 @@ def terrain(
     With --dem, the command checks whether these files cover the area, and exits with 1 if they do not. With --dat, it
     writes .DAT files for the folder APM/TERRAIN on the card of the vehicle.
     """
+    from uavcover.cli.survey_options import open_elevation_data
     from uavcover.errors import InputError
     from uavcover.extras.vehicle_files.area_terrain import files_in, known_share, say_needed, terrain_of_area
-    from uavcover.flight.vehicle_terrain import heights_of_files, open_elevation_data, write_terrain_files
+    from uavcover.extras.vehicle_files.terrain_heights import write_terrain_files
+    from uavcover.flight.connect import heights_of_files
     from uavcover.new.quantities import length_m
     from uavcover.run.user import to_paste
     from uavcover.scenario.areas.area_file import AreaQuery

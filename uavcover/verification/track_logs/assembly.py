@@ -5,13 +5,41 @@ from pathlib import Path
 
 import numpy as np
 
+from mission_io.data_tables import data_table
 from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import VELOCITY_COLUMNS, ReadTrack, Track
 from uavcover.terrain.frames import LocalFrame
-from uavcover.verification.tuning import CLOCK, LOGS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Clock:
+    disagrees_s: float
+    jump_s: float
+    clock_step_s: float
+    clocks_compared_s: float
+    alike_s: float
+    window_s: float
+    head_bytes: int
+    unreleased_versions: int
+
+
+CLOCK = data_table(_Clock, "uavcover/data/verification.toml", "clock")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Logs:
+    picture_place_error_m: float
+    picture_time_error_s: float
+    clock_spread_s: float
+    most_lean_cos: float
+    max_attitude_gap_s: float
+    max_velocity_gap_s: float
+
+
+LOGS = data_table(_Logs, "uavcover/data/verification.toml", "logs")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,15 +1,13 @@
-"""The ground as vehicles want it: elevation data behind the answers to TERRAIN_REQUEST, and in ArduPilot's terrain files."""
+"""Terrain heights for a vehicle: sent when it asks, and written into the files of its card."""
 
-import logging
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
 from mission_io.client.client import Client, answer_terrain_requests
+from mission_io.data_tables import data_table
 from mission_io.model.places import EQUATOR_M_PER_DEG
 from mission_io.model.plain_text import counted
 from mission_io.protocol.terrain import (
@@ -29,121 +27,20 @@ from mission_io.protocol.terrain import (
     wrapped_deg,
 )
 from uavcover.errors import InputError, OutputError, TerrainError
-from uavcover.flight.tuning import TERRAIN
-from uavcover.model.area import HeightUnit, RasterTerrain
-from uavcover.new.quantities import water_height_m
-from uavcover.new.terrain_look import possible_datums
 from uavcover.run.file_group import write_file
 from uavcover.run.user import User
-from uavcover.scenario.scenario_file import surface_source, terrain_source
-from uavcover.scenario.site import Site
-from uavcover.terrain.elevation_file import read_heights_amsl_m
-from uavcover.terrain.file_heights import ELLIPSOID, datum_named
-from uavcover.terrain.terrain_source import Bounds, TerrainSource, find_tiles
-
-_log = logging.getLogger(__name__)
+from uavcover.terrain.terrain_source import Bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ElevationData:
-    """Elevation files as the user names them, beside any scenario."""
-
-    names: tuple[str, ...]  # files, folders or patterns of tiles
-    vertical_datum: str | None = None  # "EGM96", "EGM2008" or "ellipsoid"; None: what the files say, or EGM96
-    crs: str | None = None  # coordinate system, where the files name none
-    height_unit: str | None = None  # "m", "dm", "cm", "ft" or "us-ft", where the files do not say
-    band: str | None = None  # number or name of the band with the heights
-    water_height: str | None = None  # of open water above sea level, as "0m"; None: places without data have no height
-    option: str = "--dem"  # that names them, for errors
+class _Terrain:
+    poll_s: float
+    tell_every_s: float
+    ask_again_s: float
+    max_blocks: int
 
 
-def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) -> tuple[TerrainSource, str]:
-    """The files, and the datum of their heights.
-
-    Args:
-        data: what the user named.
-        around: west, south, east, north in degrees of what is needed; of several files only those near it are taken.
-
-    Raises:
-        InputError: no file, or a unit or a datum that is not known.
-        TerrainError: the files cannot be used.
-    """
-    if not data.names:
-        raise InputError(f"{data.option}: specify elevation data, such as a raster, a folder or a pattern of tiles")
-    unit = None if data.height_unit is None else data.height_unit.casefold()
-    if unit not in (None, *get_args(HeightUnit)):
-        raise InputError(f"--height-unit: unknown unit {data.height_unit!r}; use m, dm, cm, ft or us-ft")
-    source = TerrainSource(
-        find_tiles(data.names, folder=Path(), around=around),
-        crs=data.crs,
-        band=data.band,
-        height_unit=unit,
-        water_height_m=water_height_m(data.water_height),
-        key=data.option,
-    )
-    fitting = possible_datums(source)
-    if data.vertical_datum is None:
-        return source, fitting[0]
-    wanted = datum_named(data.vertical_datum)
-    if wanted not in fitting and not (wanted == ELLIPSOID and len(fitting) > 1):
-        raise InputError(f"--vertical-datum: the option is {wanted}, but {source} is {fitting[0]}; omit this option")
-    return source, wanted
-
-
-def heights_of_files(source: TerrainSource, vertical_datum: str, say: Callable[[str], None]) -> Heights:
-    """The ground of elevation files; unknown without data there, or once the files are unreadable.
-
-    Args:
-        source: the files.
-        vertical_datum: what their heights are above.
-        say: receives the reason when the files are unreadable.
-    """
-
-    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
-        lat_deg, lon_deg = np.array(places, dtype=float).reshape(-1, 2).T
-        try:
-            return [float(height) for height in read_heights_amsl_m(source, vertical_datum, lat_deg, lon_deg)]
-        except TerrainError as error:
-            say(f"cannot send terrain heights to the vehicle: {error}")
-            return [float("nan")] * len(places)
-
-    return heights_amsl_m
-
-
-def heights_of_site(site: Site, say: Callable[[str], None]) -> Heights | None:
-    """Ground below a site's flights, within its elevation files; none without a position on Earth."""
-    if site.frame is None:
-        return None
-    terrain = site.scenario.terrain
-    if isinstance(terrain, RasterTerrain):
-        ground = heights_of_files(terrain_source(terrain), terrain.vertical_datum, say)
-        source = surface_source(terrain)
-        if source is None:
-            return ground
-        return _higher(ground, heights_of_files(source, terrain.surface_vertical_datum or terrain.vertical_datum, say))
-
-    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
-        heights = [site.ground_alt_amsl_m(*place) for place in places]
-        return [float("nan") if height is None else height for height in heights]
-
-    return heights_amsl_m
-
-
-def _higher(ground: Heights, surface: Heights) -> Heights:
-    """The higher of both; unknown where the surface is."""
-
-    def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
-        low, high = np.array(ground(places), dtype=float), np.array(surface(places), dtype=float)
-        return [float(height) for height in np.where(np.isfinite(low), np.maximum(low, high), high)]
-
-    return heights_amsl_m
-
-
-def answer_from_site(client: Client, site: Site) -> None:
-    """Answer the vehicle's requests for terrain heights from a site's elevation data whenever the client waits."""
-    heights = heights_of_site(site, _log.warning)
-    if heights is not None:
-        answer_terrain_requests(client, TerrainAnswers(heights, say=_log.warning))
+TERRAIN = data_table(_Terrain, "uavcover/data/flight.toml", "terrain")
 
 
 def serve_terrain(client: Client, heights: Heights, user: User) -> TerrainCounts:

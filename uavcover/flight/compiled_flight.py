@@ -1,4 +1,4 @@
-"""Uploading a run's mission: check every leg and the vehicle's home, send, read back, compare."""
+"""A compiled mission on a connected vehicle: its upload and comparison, the check of home, and its flight."""
 
 import dataclasses
 import sys
@@ -7,23 +7,40 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+import numpy as np
+import shapely
+
 from mission_io.autopilots.comparison import faults
 from mission_io.client.client import Client
 from mission_io.client.commands import name_of
 from mission_io.client.transfer_outcome import ReadBack
 from mission_io.errors import TransferError, TransferInterrupted
 from mission_io.model.plain_text import counted
-from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, require_home
+from uavcover.errors import InputError
+from uavcover.flight.arming import check_home as check_home_of
+from uavcover.flight.connect import Connected, VehicleLink, connect, require_home
+from uavcover.flight.fly import fly as fly_plan
+from uavcover.flight.follow import PlanReturn
 from uavcover.flight.limits import read_return_parameters, return_warnings
-from uavcover.flight.orders import FlightTimeouts, require_multirotor
+from uavcover.flight.orders import (
+    PREPARATION,
+    FlightPlan,
+    FlightTimeouts,
+    OperatingVolume,
+    Orders,
+    PlanNeeds,
+    require_multirotor,
+)
 from uavcover.flight.session import Session
-from uavcover.flight.tuning import PREPARATION
-from uavcover.missions.mission_compiler import CompiledMission, compile_mission
+from uavcover.missions.mission_compiler import CompiledMission, compile_mission, compile_return
+from uavcover.missions.objectives import way_home
+from uavcover.model.outcome import FlightOutcome
 from uavcover.model.route import Route
 from uavcover.run.folder import SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import note_files
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicles import pace_of
 
 
 def upload(
@@ -48,12 +65,12 @@ def upload(
     require_multirotor(client)
     results = []
     for name, content in (("mission", compiled.mission), ("fence", compiled.fence), ("rally", compiled.rally)):
-        results.append(client.upload_and_verify(content, progress=_named(progress, name), in_flight=in_flight))
+        results.append(
+            client.upload_and_verify(
+                content, progress=None if progress is None else partial(progress, name), in_flight=in_flight
+            )
+        )
     return results
-
-
-def _named(progress: Callable[[str, int, int], None] | None, name: str) -> Callable[[int, int], None] | None:
-    return None if progress is None else partial(progress, name)
 
 
 def upload_document(site: Site, compiled: CompiledMission, url: str, results: Sequence[ReadBack]) -> dict[str, Any]:
@@ -120,10 +137,7 @@ def send_and_compare(
     note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
     for result in results:
         say_comparison(user, result)
-    session = Session(
-        vehicle.client, vehicle.monitor, timeouts=FlightTimeouts(), on_event=lambda _: None, stop=lambda: 0
-    )
-    for words in return_warnings(compiled.own_returns.advice(read_return_parameters(session))):
+    for words in return_warnings(compiled.own_returns.advice(read_return_parameters(_silent_session(vehicle)))):
         user.warn(words)
     user.say(
         f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above "
@@ -175,3 +189,92 @@ def say_comparison(user: User, result: ReadBack) -> None:
     user.say(f"{name}: uploaded {items}; the autopilot normalised {fields}{changed}")
     for fault in wrong[:5]:
         user.warn(f"{name}: {fault}")
+
+
+def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
+    """The part of a compiled mission that a flight needs.
+
+    Raises:
+        InputError: the site has no position on Earth or no home.
+    """
+    home = require_home(site)
+    if site.frame is None or site.home_m is None:
+        raise InputError(f"scenario {site.scenario.name} has no position on Earth; add an [origin]")
+    ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
+    point = np.array([site.home_m[0], site.home_m[1], ground])
+    return FlightPlan(
+        mission=compiled.mission,
+        first_waypoint_item=compiled.first_waypoint_item,
+        waypoint_count=compiled.waypoint_count,
+        items_per_waypoint=compiled.items_per_waypoint,
+        frame=site.frame,
+        home=compiled.mission.home or home,
+        ground_alt_amsl_m=float(site.alts_amsl_m(point)[0]),
+        ground_at=site.ground_alt_amsl_m,
+        max_home_error_m=site.scenario.limits.max_home_error_m,
+        acceptance_radius_m=site.scenario.vehicle.acceptance_radius_m,
+        max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
+        max_descent_m_s=site.scenario.vehicle.max_descent_m_s,
+        volume=_operating_volume(site, compiled),
+        returns=compiled.own_returns,
+        needs=PlanNeeds(
+            pace=pace_of(site),
+            return_height_m=compiled.return_advice.needed_height_m,
+            fence=bool(compiled.fence.polygons or compiled.fence.circles),
+            camera_turns=site.scenario.sensor.turns_with_vehicle,
+            longest_flight_s=site.scenario.vehicle.longest_flight_s,
+            vehicle=site.scenario.vehicle,
+            way_home_s=lambda place_m: way_home(site, place_m)[1],
+        ),
+    )
+
+
+def _operating_volume(site: Site, compiled: CompiledMission) -> OperatingVolume:
+    """Volume for positions in flight: no-fly zones count as far as they are exclusions of the fence."""
+    shapely.prepare(site.fence)
+
+    def ground_up_m(east_m: float, north_m: float) -> float:
+        return float(site.ground.heights_m(np.array([[east_m, north_m]]))[0])
+
+    def outside_fence_m(east_m: float, north_m: float) -> float:
+        outside_m = float(site.fence.distance(shapely.Point(east_m, north_m)))
+        return max([outside_m, *(zone.depth_m(east_m, north_m) for zone in compiled.zones_in_fence)])
+
+    limits = site.scenario.limits
+    return OperatingVolume(
+        ground_up_m=ground_up_m,
+        outside_fence_m=outside_fence_m,
+        min_height_agl_m=limits.min_height_agl_m,
+        max_height_agl_m=limits.max_height_agl_m,
+    )
+
+
+def check_home(vehicle: Connected, site: Site, compiled: CompiledMission) -> None:
+    """Compare the vehicle's home with the planned one and the terrain there; heights above home would be wrong by it.
+
+    Raises:
+        VehicleError: it is farther away than the scenario allows.
+    """
+    check_home_of(_silent_session(vehicle), flight_plan(site, compiled))
+
+
+def _silent_session(vehicle: Connected) -> Session:
+    """A session that asks the vehicle, and tells nobody."""
+    return Session(vehicle.client, vehicle.monitor, timeouts=FlightTimeouts(), on_event=lambda _: None, stop=lambda: 0)
+
+
+def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Orders) -> FlightOutcome:
+    """Fly the mission that the vehicle holds: ready, check, arm, start, follow, land; see :mod:`uavcover.flight.fly`.
+
+    Raises:
+        FlightFailedError: the vehicle or the link failed, or the vehicle is not what was planned for; it carries the outcome.
+    """
+    return fly_plan(
+        vehicle.client, vehicle.monitor, flight_plan(site, compiled),
+        orders, plan_return=checked_return(site),
+    )  # fmt: skip
+
+
+def checked_return(site: Site) -> PlanReturn:
+    """Plans the return to a site's home along checked legs."""
+    return lambda lat, lon, alt: compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
