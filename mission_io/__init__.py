@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         Autopilot,
         autopilot_for,
     )
-    from mission_io.autopilots.comparison import Difference, compare_items
+    from mission_io.autopilots.comparison import Difference, MissionDiff, apply_diff, compare_items, diff
     from mission_io.autopilots.mission_lists import (
         MissionList,
         Problem,
@@ -56,7 +56,6 @@ if TYPE_CHECKING:
     from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
     from mission_io.links.udp import UdpLink
     from mission_io.model.actions import Action, action_of, item_of
-    from mission_io.model.diff import MissionDiff, apply_diff, diff
     from mission_io.model.items import (
         Command,
         Fence,
@@ -107,7 +106,7 @@ _PLACES = {
     "mission_io.autopilots.autopilot": (
         "ARDUPILOT", "ARDUPILOT_PLANE", "ARDUPILOT_ROVER", "PX4", "Autopilot", "autopilot_for",
     ),
-    "mission_io.autopilots.comparison": ("Difference", "compare_items"),
+    "mission_io.autopilots.comparison": ("Difference", "MissionDiff", "apply_diff", "compare_items", "diff"),
     "mission_io.autopilots.mission_lists": (
         "MissionList", "Problem", "check_for_autopilot", "items_of", "mission_from_wire", "mission_list_of",
         "mission_type_of", "wire_items",
@@ -130,7 +129,6 @@ _PLACES = {
     "mission_io.links.simulated": ("LINK_PRESETS", "LinkPreset", "link_preset"),
     "mission_io.links.udp": ("UdpLink",),
     "mission_io.model.actions": ("Action", "action_of", "item_of"),
-    "mission_io.model.diff": ("MissionDiff", "apply_diff", "diff"),
     "mission_io.model.items": (
         "Command", "Fence", "FenceCircle", "FencePolygon", "Frame", "FramedPoint", "GeoPoint", "LatLon", "Mission",
         "MissionItem", "MissionType", "RallyPoints", "SpeedType", "change_speed", "delay", "land", "look_ahead",

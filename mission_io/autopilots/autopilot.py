@@ -15,7 +15,7 @@ from mission_io.data_tables import read_document
 from mission_io.errors import MisuseError
 from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass, VehicleKind, kind_of
 from mission_io.model.items import FENCE_COMMANDS, WITHOUT_POSITION, Command, Frame, MissionItem, MissionType
-from mission_io.wire.mission_items import float32
+from mission_io.wire.messages import float32
 
 # Rounding of received numbers: one rule for each field that an autopilot changes.
 #
@@ -238,7 +238,7 @@ class Autopilot:
     has_list_ids: bool
     # whether items of a list can be written over, the others being left as they are (MISSION_WRITE_PARTIAL_LIST)
     takes_parts: bool
-    lists_as_files: bool  # whether its lists are files too, as ``mission_io.wire.mission_items`` has them
+    lists_as_files: bool  # whether its lists are files too, as ``mission_io.formats.wpl`` has them
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
         """The storage rule for a field of an item, if any."""

@@ -25,8 +25,7 @@ from mission_io.model.items import (
     items_from_rally,
     rally_from_items,
 )
-from mission_io.wire.messages import MissionItemFloat, MissionItemInt
-from mission_io.wire.mission_items import DEGREES_SCALE, float32, item_from_message
+from mission_io.wire.messages import DEGREES_SCALE, MissionItemFloat, MissionItemInt, float32, item_from_message
 
 
 def wire_items(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...]:

@@ -27,7 +27,6 @@ from mission_io.client.transfer_outcome import (
     items_on_card,
     list_name,
 )
-from mission_io.clock import Clock
 from mission_io.errors import (
     CommandRefusedError,
     FormatError,
@@ -39,7 +38,7 @@ from mission_io.errors import (
     VehicleHolds,
     VehicleSilentError,
 )
-from mission_io.links.base import Link
+from mission_io.links.base import Clock, Link
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted

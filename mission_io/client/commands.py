@@ -19,8 +19,7 @@ from mission_io.protocol.parameters import (
 from mission_io.protocol.timing import CALLS
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
-from mission_io.wire.messages import Address, AutopilotVersion
-from mission_io.wire.mission_items import float32
+from mission_io.wire.messages import Address, AutopilotVersion, float32
 
 MessageT = TypeVar("MessageT", bound=m.Message)
 

@@ -8,15 +8,22 @@ from typing import Protocol, TypeAlias
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.client.peers import Peers, VehicleChoice, VehicleInfo, two_in_one, vehicle_of
-from mission_io.clock import Clock, SystemClock, UnixClock
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
-from mission_io.links.base import Closing, Link, PeerLink, StreamLink
+from mission_io.links.base import Clock, Closing, Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.timing import CALLS, RateLimit
 from mission_io.wire.codec import Codec, LinkStatistics
 from mission_io.wire.messages import Address, Heartbeat, Message, Received, is_for
-from mission_io.wire.signing import Signing, SigningKey, TimestampFile, TimestampStore, UnsavedTimestamps
+from mission_io.wire.signing import (
+    Signing,
+    SigningKey,
+    SystemClock,
+    TimestampFile,
+    TimestampStore,
+    UnixClock,
+    UnsavedTimestamps,
+)
 from mission_io.wire.telemetry_messages import TimeSync
 
 _log = logging.getLogger(__name__)

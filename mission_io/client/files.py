@@ -15,13 +15,13 @@ from mission_io.errors import (
     TransferSilentError,
     VehicleHolds,
 )
+from mission_io.formats.wpl import dat_path, read_mission_dat, write_mission_dat
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.ftp_files import FtpDownload, FtpUpload
 from mission_io.protocol.ftp_transfer import FtpEntry, FtpListing, FtpState, FtpTransfer
 from mission_io.protocol.timing import CALLS, FILES
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address, Message, Received
-from mission_io.wire.mission_items import dat_path, read_mission_dat, write_mission_dat
 
 TransferT = TypeVar("TransferT", bound=FtpTransfer)
 

@@ -11,8 +11,7 @@ from mission_io.conformance.case import ITEMS, REQUESTS, ProtocolCase
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire import messages as m
-from mission_io.wire.messages import Address, Message
-from mission_io.wire.mission_items import float_message
+from mission_io.wire.messages import Address, Message, float_message
 
 # Faults of the fake vehicle: each trick swallows received messages, or changes sent ones.
 

@@ -21,7 +21,7 @@ from mission_io.conformance.probe import result_name
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
-from mission_io.wire.mission_items import item_from_message
+from mission_io.wire.messages import item_from_message
 
 # Judges of a ground station: its messages, their order and times, and its report to the user.
 

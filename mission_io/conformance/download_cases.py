@@ -20,7 +20,7 @@ from mission_io.conformance.probe import Probe, described, seq_of
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire import messages as m
-from mission_io.wire.mission_items import item_from_message
+from mission_io.wire.messages import item_from_message
 
 _MISSION: Final = MissionType.MISSION
 _INT_FRAMES: Final = (5, 6, 11, 2)

@@ -26,8 +26,7 @@ from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from mission_io.wire.message_table import BY_CLASS
-from mission_io.wire.messages import Address
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.messages import Address, message_from_item
 
 
 class Probe:

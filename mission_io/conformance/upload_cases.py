@@ -20,8 +20,7 @@ from mission_io.conformance.case import (
 from mission_io.conformance.probe import Probe, described, result_name, seq_of
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.wire.messages import Message, MissionAck, MissionRequest
-from mission_io.wire.mission_items import float_message
+from mission_io.wire.messages import Message, MissionAck, MissionRequest, float_message
 
 _MISSION: Final = MissionType.MISSION
 

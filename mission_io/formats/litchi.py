@@ -21,8 +21,7 @@ from mission_io.formats.point_route import (
     route_from_stops,
 )
 from mission_io.formats.text import clean_text, degrees_text, number_in, plain_decimal
-from mission_io.model.items import Command, Frame
-from mission_io.model.places import earth_centred_m, ground_distance_m
+from mission_io.model.items import Command, Frame, earth_centred_m, ground_distance_m
 from mission_io.model.plain_text import counted
 
 MOST_WAYPOINTS = 99

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from mission_io.autopilots.comparison import diff_items
 from mission_io.errors import FormatError
 from mission_io.formats.plan_items import (
     PlanEntry,
@@ -24,11 +25,9 @@ from mission_io.formats.plan_items import (
     read_simple,
     simple_json,
 )
-from mission_io.formats.text import MissionFile, Node, clean_text, parse_json
-from mission_io.model.diff import diff_items
+from mission_io.formats.text import MissionFile, Node, clean_text, doubts_about, doubts_about_fence, parse_json
 from mission_io.model.enums import VehicleClass
 from mission_io.model.items import Command, Fence, GeoPoint, Mission, MissionItem, RallyPoints, same_item
-from mission_io.model.places import doubts_about, doubts_about_fence
 
 _CONSTANTS: Mapping[str, Mapping[str, Any]] = {
     "": {"fileType": "Plan", "groundStation": "QGroundControl", "version": 1},
@@ -67,7 +66,7 @@ class PlanFile:
     repairs: tuple[str, ...] = field(default=(), compare=False)  # what was missing or dropped to read it, one line each
 
     def doubts(self) -> tuple[str, ...]:
-        """Probable mistakes, such as a route far from home; see ``model.places.doubts_about``."""
+        """Probable mistakes, such as a route far from home; see ``formats.text.doubts_about``."""
         return (*doubts_about(self.mission), *doubts_about_fence(self.fence))
 
     def with_mission(self, mission: Mission) -> "PlanFile":

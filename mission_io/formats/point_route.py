@@ -33,10 +33,10 @@ from mission_io.model.items import (
     SpeedType,
     change_speed,
     delay,
+    ground_distance_m,
     takeoff,
     waypoint,
 )
-from mission_io.model.places import ground_distance_m
 
 # Routes of points made into missions: take-off, waypoints, and the end.
 

@@ -1,4 +1,4 @@
-"""Text of mission files: what it holds, how it is decoded, numbers, XML and JSON, with a list of repairs.
+"""Text of mission files: what it holds, how it is decoded, numbers, XML and JSON, with lists of repairs and of doubts.
 
 Numbers are written as the shortest plain decimals that read back as the same number.
 """
@@ -7,7 +7,7 @@ import codecs
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
@@ -19,8 +19,16 @@ from xml.sax.saxutils import escape
 from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.autopilots.mission_lists import MissionList, items_of
 from mission_io.errors import FormatError
-from mission_io.model.items import Fence, Mission, MissionType, RallyPoints
-from mission_io.model.places import doubts_about, doubts_about_fence
+from mission_io.model.items import (
+    Command,
+    Fence,
+    GeoPoint,
+    LatLon,
+    Mission,
+    MissionType,
+    RallyPoints,
+    ground_distance_m,
+)
 
 if TYPE_CHECKING:
     import jinja2
@@ -352,3 +360,85 @@ def _shown(value: Any) -> str:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return "a number that is too large"
     return {dict: "an object", list: "a list", bool: "true or false"}.get(type(value), "null")
+
+
+# Doubts: valid values that are probably mistakes, such as a position at 0, 0, or a route far from home.
+
+
+def doubts_about_fence(fence: Fence) -> tuple[str, ...]:
+    """Probable mistakes, one line each, such as a return point where the vehicle breaches the fence."""
+    point = fence.return_point
+    if point is None:
+        return ()
+    polygons = [(area.inclusion, _is_in_ring(point.lat_deg, point.lon_deg, area.vertices)) for area in fence.polygons]
+    circles = [
+        (
+            area.inclusion,
+            ground_distance_m(point.lat_deg, point.lon_deg, area.center.lat_deg, area.center.lon_deg) <= area.radius_m,
+        )
+        for area in fence.circles
+    ]
+    allowed = [inside for inclusion, inside in (*polygons, *circles) if inclusion]
+    where = f"the return point, latitude {point.lat_deg:.6f}, longitude {point.lon_deg:.6f}, is"
+    if allowed and not any(allowed):
+        return (f"{where} outside the fence, so a vehicle that flies there after a breach leaves the fence again",)
+    if any(inside for inclusion, inside in (*polygons, *circles) if not inclusion):
+        return (f"{where} in an area that the fence excludes",)
+    return ()
+
+
+def _is_in_ring(lat_deg: float, lon_deg: float, ring: Sequence[LatLon]) -> bool:
+    """By the number of edges that a line to the east crosses; longitudes count from the position, the short way."""
+    inside = False
+    for begin, end in zip(ring, (*ring[1:], *ring[:1]), strict=True):
+        if (begin.lat_deg > lat_deg) != (end.lat_deg > lat_deg):
+            east, west = (math.remainder(corner.lon_deg - lon_deg, 360.0) for corner in (begin, end))
+            at = east + (lat_deg - begin.lat_deg) / (end.lat_deg - begin.lat_deg) * (west - east)
+            inside ^= at > 0.0
+    return inside
+
+
+FAR_FROM_HOME_M = 100_000.0
+"""Positions further away are doubted; no electric multicopter flies so far."""
+
+
+def doubts_about(mission: Mission) -> tuple[str, ...]:
+    """Probable mistakes, one line each.
+
+    Swapped latitudes and longitudes are distinguished from a route that is far from home. A doubt is not an error: the
+    mission stays as the file says.
+    """
+    home = mission.home
+    doubts: list[str] = []
+    if home is not None and home.lat_deg == 0.0 and home.lon_deg == 0.0:
+        doubts.append("home is at latitude 0, longitude 0, in the open sea; set the home position")
+        home = None
+    far: list[tuple[int, float]] = []
+    swapped = 0
+    for number, item in enumerate(mission.items, start=1):
+        if not item.has_position or not (math.isfinite(item.lat_deg) and math.isfinite(item.lon_deg)):
+            continue
+        if item.lat_deg == 0.0 and item.lon_deg == 0.0:
+            if item.command == Command.NAV_WAYPOINT:
+                doubts.append(f"item {number}: this waypoint is at latitude 0, longitude 0")
+            continue
+        if home is None:
+            continue
+        distance_m = ground_distance_m(home.lat_deg, home.lon_deg, item.lat_deg, item.lon_deg)
+        if distance_m > FAR_FROM_HOME_M:
+            far.append((number, distance_m))
+            swapped += _near_when_swapped(home, item.lat_deg, item.lon_deg)
+    if far:
+        number, distance_m = max(far, key=lambda entry: entry[1])
+        what = (
+            "latitude and longitude seem to be swapped"
+            if swapped == len(far)
+            else "do the route and home belong to different locations?"
+        )
+        rank = f"the farthest of {len(far)} beyond {FAR_FROM_HOME_M / 1000.0:.0f} km"
+        doubts.append(f"item {number}: {distance_m / 1000.0:.0f} km from home ({rank}); {what}")
+    return tuple(doubts)
+
+
+def _near_when_swapped(home: GeoPoint, lat_deg: float, lon_deg: float) -> bool:
+    return abs(lon_deg) <= 90.0 and ground_distance_m(home.lat_deg, home.lon_deg, lon_deg, lat_deg) <= FAR_FROM_HOME_M

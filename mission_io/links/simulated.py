@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final, Protocol
 
-from mission_io.clock import Clock
 from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import Link, WrappingLink
+from mission_io.links.base import Clock, Link, WrappingLink
 from mission_io.protocol.timing import Timing
 
 

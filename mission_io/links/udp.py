@@ -5,9 +5,8 @@ import select
 import socket
 from typing import Final, Self
 
-from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.links.base import DEFAULT_HOST, Closing, port_of
+from mission_io.links.base import DEFAULT_HOST, Clock, Closing, MonotonicClock, port_of
 from mission_io.wire.framing import frames_of
 
 # The addresses that speak to a listening port, and the addresses to send to.

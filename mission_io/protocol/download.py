@@ -15,7 +15,7 @@ from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import Row, Table, staying
 from mission_io.protocol.timing import TRANSFERS
 from mission_io.wire import messages as m
-from mission_io.wire.mission_items import item_from_message
+from mission_io.wire.messages import item_from_message
 
 
 class DownloadState(Enum):

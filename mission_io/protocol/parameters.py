@@ -17,8 +17,7 @@ from mission_io.model.enums import ParamType
 from mission_io.model.items import same_number
 from mission_io.protocol.timing import VALUES
 from mission_io.wire import messages as m
-from mission_io.wire.messages import Address
-from mission_io.wire.mission_items import float32
+from mission_io.wire.messages import Address, float32
 
 Value: TypeAlias = int | float | bytes
 """A whole number, a number, or the bytes of an extended parameter of type CUSTOM."""

@@ -12,8 +12,7 @@ from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, Command, GeoPoint, MissionItem, MissionType
 from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
 from mission_io.wire import messages as m
-from mission_io.wire.messages import Address
-from mission_io.wire.mission_items import float_message, item_from_message, message_from_item
+from mission_io.wire.messages import Address, float_message, item_from_message, message_from_item
 
 ChangeReason = Literal["uploaded", "upload failed", "cleared"]
 

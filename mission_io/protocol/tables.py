@@ -54,22 +54,6 @@ def staying(state: StateT, *events: EventT) -> list[Row[StateT, EventT]]:
     return [Row(state, event, state) for event in events]
 
 
-def mermaid(table: Table[StateT, EventT], start: StateT) -> str:
-    """The table as a Mermaid state diagram; events without effect are omitted."""
-    lines = ["stateDiagram-v2", f"    [*] --> {start.name}"]
-    arrows: dict[tuple[str, str], dict[str, list[str]]] = {}
-    for row in table.rows:
-        if row.state is not row.next_state or row.action:
-            actions = arrows.setdefault((row.state.name, row.next_state.name), {})
-            actions.setdefault(row.action, []).append(row.event.name)
-    for (state, next_state), actions in arrows.items():
-        labels = [",".join(events) + (f"/{action}" if action else "") for action, events in actions.items()]
-        lines.append(f"    {state} --> {next_state}: {' '.join(labels)}")
-    ends = dict.fromkeys(row.next_state.name for row in table.rows if table.is_end(row.next_state))
-    lines.extend(f"    {end} --> [*]" for end in ends)
-    return "\n".join(lines)
-
-
 class ServerState(Enum):
     """State of the vehicle's mission protocol."""
 

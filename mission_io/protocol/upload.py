@@ -16,7 +16,7 @@ from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import UPLOAD_TABLE, UploadEvent, UploadState
 from mission_io.protocol.timing import TRANSFERS
 from mission_io.wire import messages as m
-from mission_io.wire.mission_items import message_to_send
+from mission_io.wire.messages import message_to_send
 
 REPEATS, REPEATS_PER_ITEM = 64, 4
 """Number of repeated requests answered at once; further ones wait for the next silence."""

@@ -3,78 +3,19 @@
 The codec converts between bytes and these classes. Numbers that MAVLink scales to integers are exact here:
 ``lat_deg`` is the double nearest to the integer divided by 1e7. A field is None where MAVLink's value means "unknown".
 Fields named ``target_system`` and ``target_component`` name the recipient; 0 is everybody.
+Mission items become messages, and messages items, here, too.
 """
 
-from dataclasses import dataclass
+import struct
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from mission_io.model.enums import MissionState, ModeFlag
-from mission_io.model.items import MissionType
+from mission_io.errors import FormatError, MisuseError
+from mission_io.model.enums import MissionState
+from mission_io.model.items import Frame, MissionItem, MissionType
 from mission_io.wire.telemetry_messages import *  # noqa: F403 - its messages are used under this module's name
 from mission_io.wire.telemetry_messages import Addressed as Addressed
 from mission_io.wire.telemetry_messages import Message as Message
-
-
-@dataclass(frozen=True, slots=True)
-class Heartbeat(Message):
-    """A sender is alive. ``custom_mode`` is the autopilot's own mode number."""
-
-    autopilot: int
-    vehicle_type: int
-    base_mode: int = 0
-    custom_mode: int = 0
-    system_status: int = 0
-
-    @property
-    def armed(self) -> bool:
-        """Whether the motors may turn."""
-        return bool(self.base_mode & ModeFlag.SAFETY_ARMED)
-
-
-@dataclass(frozen=True, slots=True)
-class GlobalPositionInt(Message):
-    """Where the vehicle believes it is. Velocity is north, east, down; heading in degrees, None when unknown."""
-
-    time_boot_s: float
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
-    alt_above_home_m: float
-    velocity_north_m_s: float
-    velocity_east_m_s: float
-    velocity_down_m_s: float
-    heading_deg: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Attitude(Message):
-    """Roll, pitch and yaw in radians and their rates in radians per second."""
-
-    time_boot_s: float
-    roll_rad: float
-    pitch_rad: float
-    yaw_rad: float
-    roll_rate_rad_s: float
-    pitch_rate_rad_s: float
-    yaw_rate_rad_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class HomePosition(Message):
-    """Where the vehicle's heights above home start, and where it returns to."""
-
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class GpsGlobalOrigin(Message):
-    """Where the local frame of the vehicle's position filter starts."""
-
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,20 +39,6 @@ class MissionItemReached(Message):
     """The vehicle reached an item; may be repeated, and may be skipped."""
 
     seq: int
-
-
-TEXT_LETTERS = 50
-"""Letters of one StatusText; a longer line comes in pieces."""
-
-
-@dataclass(frozen=True, slots=True)
-class StatusText(Message):
-    """A line for the pilot; severity 0 is an emergency and 7 is debug."""
-
-    severity: int  # how bad it is
-    text: str  # the line, or a piece of it
-    text_id: int = 0  # other than 0 for a line that comes in pieces of 50 letters; the same for all of them
-    chunk: int = 0  # the piece's number; the last one has fewer letters
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,14 +72,6 @@ class CommandAck(Message):
     result_param2: int = 0
     target_system: int = 0
     target_component: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class ExtendedSysState(Message):
-    """Whether the vehicle is on the ground (a LandedState number)."""
-
-    landed_state: int
-    vtol_state: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,15 +168,6 @@ class MissionSetCurrent(Addressed):
     """Asks to go on with another item."""
 
     seq: int
-
-
-@dataclass(frozen=True, slots=True)
-class AutopilotVersion(Message):
-    """Capabilities (MAV_PROTOCOL_CAPABILITY bits) and release of the autopilot."""
-
-    capabilities: int
-    flight_sw_version: int = 0
-    uid: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,3 +291,109 @@ def is_for(message: Message, *, system_id: int, component_id: int) -> bool:
     to_system = getattr(message, "target_system", 0)
     to_component = getattr(message, "target_component", 0)
     return to_system in (0, system_id) and to_component in (0, component_id)
+
+
+# Mission items as MISSION_ITEM_INT messages, and back.
+
+DEGREES_SCALE = 1e7
+"""Coordinates travel as whole numbers of 1e-7 degrees, about 11 mm of latitude."""
+
+_INT32_LIMIT = 2**31
+
+
+def message_from_item(
+    item: MissionItem, seq: int, *, mission_type: MissionType, target_system: int, target_component: int
+) -> MissionItemInt:
+    """The message that carries an item.
+
+    Raises:
+        MisuseError: coordinates that are not finite or that do not fit 32 bits.
+    """
+    scale = DEGREES_SCALE if item.has_position else 1.0
+    x, y = (
+        _int32(value * scale, name, seq) for name, value in (("latitude", item.lat_deg), ("longitude", item.lon_deg))
+    )
+    return MissionItemInt(
+        target_system,
+        target_component,
+        seq,
+        item.frame.wire,
+        item.command,
+        item.params,
+        x,
+        y,
+        item.alt_m,
+        current=int(seq == 0 and mission_type is MissionType.MISSION),
+        autocontinue=int(item.autocontinue),
+        mission_type=mission_type,
+    )
+
+
+def message_to_send(
+    item: MissionItem, seq: int, *, mission_type: MissionType, target_system: int, target_component: int
+) -> MissionItemInt:
+    """The message that carries an item to a vehicle; errors as ``message_from_item``.
+
+    Rally points have the frames 0 and 3 (and 10), which name the same heights: PX4 1.17 stores frames 5 and 6 of rally points
+    and then returns to no place at all ("RTL: unsupported MAV_FRAME": navigator/rtl.cpp, setSafepointAsDestination).
+    """
+    message = message_from_item(
+        item, seq, mission_type=mission_type, target_system=target_system, target_component=target_component
+    )
+    return replace(message, frame=int(item.frame)) if mission_type is MissionType.RALLY else message
+
+
+def item_from_message(message: MissionItemInt | MissionItemFloat) -> MissionItem:
+    """The item that a message carries.
+
+    Raises:
+        FormatError: a frame in which the coordinates mean nothing to mission_io.
+    """
+    try:
+        frame = Frame.from_mav_frame(message.frame)
+    except FormatError as error:
+        raise FormatError(error.what, where=f"item {message.seq}", advice=error.advice) from None
+    scaled = isinstance(message, MissionItemInt) and frame is not Frame.COMMAND
+    scale = DEGREES_SCALE if scaled else 1.0
+    return MissionItem(
+        message.command,
+        frame,
+        message.params,
+        message.x / scale,
+        message.y / scale,
+        message.z,
+        bool(message.autocontinue),
+    )
+
+
+def float_message(message: MissionItemInt) -> MissionItemFloat:
+    """The same item in the deprecated form, with 32-bit degrees."""
+    scale = 1.0 if message.frame == Frame.COMMAND else DEGREES_SCALE
+    return MissionItemFloat(
+        message.target_system, message.target_component, message.seq, message.frame, message.command, message.params,
+        message.x / scale, message.y / scale, message.z, message.current, message.autocontinue, message.mission_type,
+    )  # fmt: skip
+
+
+def degrees_on_wire(value_deg: float) -> float:
+    """The coordinate that arrives when ``value_deg`` is sent."""
+    return round(value_deg * DEGREES_SCALE) / DEGREES_SCALE
+
+
+def float32(value: float) -> float:
+    """The number that arrives when ``value`` is sent as a 32-bit float.
+
+    Raises:
+        MisuseError: it is beyond the range of 32-bit floats.
+    """
+    try:
+        result: float = struct.unpack("<f", struct.pack("<f", value))[0]
+    except OverflowError:
+        raise MisuseError(f"{value} is beyond the range of MAVLink's 32-bit numbers") from None
+    return result
+
+
+def _int32(value: float, name: str, seq: int) -> int:
+    if not -_INT32_LIMIT <= value < _INT32_LIMIT:  # also false for NaN
+        raise MisuseError(f"item {seq}: the {name} does not fit in a MISSION_ITEM_INT")
+    return round(value)

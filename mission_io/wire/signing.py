@@ -10,6 +10,7 @@ import hmac
 import os
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,11 +18,26 @@ from enum import Enum
 from pathlib import Path
 from typing import Final, Protocol, Self
 
-from mission_io.clock import UnixClock
 from mission_io.errors import LinkError, MisuseError
 from mission_io.wire.framing import WireFrame
 
 TIMESTAMP_SUFFIX: Final = ".timestamp"
+
+
+class UnixClock(Protocol):
+    """The time of day, which users may set."""
+
+    def unix_s(self) -> float:
+        """Seconds since 1970-01-01 UTC."""
+        ...
+
+
+class SystemClock:
+    """The operating system's time of day."""
+
+    def unix_s(self) -> float:
+        """Seconds since 1970-01-01 UTC."""
+        return time.time()
 
 
 def read_private(path: Path, *, what: str, largest: int) -> bytes:

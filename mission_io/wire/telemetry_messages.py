@@ -1,11 +1,13 @@
-"""MAVLink messages about the vehicle's condition, message streams, terrain and logs.
+"""MAVLink messages about the vehicle's state, message streams, terrain and logs.
 
-Condition: sensors, satellites, position filter, battery, radio. Terrain: the vehicle requests ground heights, and a ground
-station answers. Heights come in blocks of 7 times 8 parts; a part is 4 times 4 heights, ``spacing_m`` apart, the first at
-the south-west corner, row by row to the east. Logs: the list is requested first, then the bytes.
+State: mode, position, attitude, sensors, satellites, position filter, battery, radio. Terrain: the vehicle requests ground
+heights, and a ground station answers. Heights come in blocks of 7 times 8 parts; a part is 4 times 4 heights, ``spacing_m``
+apart, the first at the south-west corner, row by row to the east. Logs: the list is requested first, then the bytes.
 """
 
 from dataclasses import dataclass
+
+from mission_io.model.enums import ModeFlag
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +21,99 @@ class Addressed(Message):
 
     target_system: int
     target_component: int
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat(Message):
+    """A sender is alive. ``custom_mode`` is the autopilot's own mode number."""
+
+    autopilot: int
+    vehicle_type: int
+    base_mode: int = 0
+    custom_mode: int = 0
+    system_status: int = 0
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors may turn."""
+        return bool(self.base_mode & ModeFlag.SAFETY_ARMED)
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalPositionInt(Message):
+    """Where the vehicle believes it is. Velocity is north, east, down; heading in degrees, None when unknown."""
+
+    time_boot_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    alt_above_home_m: float
+    velocity_north_m_s: float
+    velocity_east_m_s: float
+    velocity_down_m_s: float
+    heading_deg: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude(Message):
+    """Roll, pitch and yaw in radians and their rates in radians per second."""
+
+    time_boot_s: float
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    roll_rate_rad_s: float
+    pitch_rate_rad_s: float
+    yaw_rate_rad_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class HomePosition(Message):
+    """Where the vehicle's heights above home start, and where it returns to."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class GpsGlobalOrigin(Message):
+    """Where the local frame of the vehicle's position filter starts."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+
+
+TEXT_LETTERS = 50
+"""Letters of one StatusText; a longer line comes in pieces."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText(Message):
+    """A line for the pilot; severity 0 is an emergency and 7 is debug."""
+
+    severity: int  # how bad it is
+    text: str  # the line, or a piece of it
+    text_id: int = 0  # other than 0 for a line that comes in pieces of 50 letters; the same for all of them
+    chunk: int = 0  # the piece's number; the last one has fewer letters
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedSysState(Message):
+    """Whether the vehicle is on the ground (a LandedState number)."""
+
+    landed_state: int
+    vtol_state: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotVersion(Message):
+    """Capabilities (MAV_PROTOCOL_CAPABILITY bits) and release of the autopilot."""
+
+    capabilities: int
+    flight_sw_version: int = 0
+    uid: int = 0
 
 
 PREARM_CHECK_BIT = 0x10000000

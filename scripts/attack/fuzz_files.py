@@ -16,12 +16,12 @@ from mission_io import (
     MissionType,
     RallyPoints,
 )
+from mission_io.autopilots.comparison import apply_diff, diff
 from mission_io.errors import FormatError
 from mission_io.formats import csv_tables, drawings, files, map_xml, plan, wpl
 from mission_io.formats.text import MissionFile, text_from_bytes
-from mission_io.model.diff import apply_diff, diff
+from mission_io.formats.wpl import read_mission_dat, write_mission_dat
 from mission_io.model.items import Frame, change_speed, land, same_item, takeoff, trigger_camera_every, waypoint
-from mission_io.wire.mission_items import read_mission_dat, write_mission_dat
 
 LONGEST_ERROR = 500
 

@@ -18,7 +18,7 @@ from mission_io.protocol.ftp import FtpMessage
 from mission_io.wire import messages as wire
 from mission_io.wire.codec import Codec
 from mission_io.wire.framing import LARGEST_FRAME, Framer
-from mission_io.wire.mission_items import item_from_message, message_from_item
+from mission_io.wire.messages import item_from_message, message_from_item
 from scripts.attack.fuzz_files import Target, check, of_latin, of_text
 from uavcover.cli.ending import _one_line
 from uavcover.errors import InputError, UavcoverError

@@ -47,7 +47,7 @@ def run_without(name: str, number: int | None) -> int:
     """Run the tests in this process with a row deleted from the table in memory; pytest's exit code."""
     import pytest
 
-    from mission_io.protocol.diagrams import TABLES
+    from tests.mission_io.protocol.diagrams import TABLES
 
     if number is not None:
         table, _ = TABLES[name]
@@ -68,7 +68,7 @@ def main() -> int:
     sys.path.insert(0, str(ROOT))
     import pytest  # noqa: F401  (once, for all children)
 
-    from mission_io.protocol.diagrams import TABLES
+    from tests.mission_io.protocol.diagrams import TABLES
 
     log = Path(os.environ.get("TMPDIR", "/tmp")) / f"mutate_tables.{os.getpid()}"
     began = time.monotonic()

@@ -14,11 +14,10 @@ from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from mission_io.clock import SystemClock
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from mission_io.wire.framing import Framer, mavlink2_frame
-from mission_io.wire.signing import Signing, SigningKey, UnsavedTimestamps
+from mission_io.wire.signing import Signing, SigningKey, SystemClock, UnsavedTimestamps
 
 Parser = Callable[[bytes], int]
 """Takes bytes and says how many messages were complete with them."""

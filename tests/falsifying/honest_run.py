@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from mission_io.links.base import LoggedLink
 from mission_io.links.simulated import Conditions, SimulatedLink
-from mission_io.links.telemetry_log import LoggedLink
 from uavcover.flight.command import FlightOptions, record_flight
 from uavcover.flight.compiled_flight import fly, upload
 from uavcover.flight.connect import Connected, require_home

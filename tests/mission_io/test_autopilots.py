@@ -21,8 +21,14 @@ from mission_io.model.items import (
     trigger_camera_every,
     waypoint,
 )
-from mission_io.wire.messages import MissionItemFloat, MissionItemInt
-from mission_io.wire.mission_items import degrees_on_wire, float32, item_from_message, message_from_item
+from mission_io.wire.messages import (
+    MissionItemFloat,
+    MissionItemInt,
+    degrees_on_wire,
+    float32,
+    item_from_message,
+    message_from_item,
+)
 
 HOME = GeoPoint(46.5, -7.25, 512.0)
 WAYPOINT = waypoint(46.1234567, -7.7654321, 40.0, frame=Frame.ABOVE_HOME)

@@ -10,7 +10,7 @@ from mission_io.links.simulated import Conditions
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
-from mission_io.wire.mission_items import float32
+from mission_io.wire.messages import float32
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 

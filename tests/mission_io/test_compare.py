@@ -27,6 +27,7 @@ from mission_io.model.items import (
     RallyPoints,
     change_speed,
     delay,
+    ground_distance_m,
     land,
     look_ahead,
     look_at,
@@ -35,10 +36,8 @@ from mission_io.model.items import (
     trigger_camera_every,
     waypoint,
 )
-from mission_io.model.places import ground_distance_m
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import MissionItemInt
-from mission_io.wire.mission_items import item_from_message
+from mission_io.wire.messages import MissionItemInt, item_from_message
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 HOMES = [(46.5, -7.25), (-33.123456789, 179.99999), (0.0, 0.0), (69.7, -179.99999), (-77.85, 166.7)]

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission_io.autopilots.comparison import Edit, MissionDiff, apply_diff, apply_edits, diff, diff_items
 from mission_io.errors import MisuseError
-from mission_io.model.diff import Edit, MissionDiff, apply_diff, apply_edits, diff, diff_items
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem, delay, items_from_fence
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION
 

@@ -12,8 +12,8 @@ from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.formats import wpl
 from mission_io.links.udp import UdpLink
 from mission_io.model.items import MissionType, fence_from_items
-from mission_io.protocol.diagrams import TABLES, main, with_diagrams
 from tests.mission_io.formats.test_plan_complex import LANDING, SURVEY, document
+from tests.mission_io.protocol.diagrams import TABLES, with_diagrams
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.test_client import MISSION
 from tests.mission_io.vehicle import VehiclePeer
@@ -50,23 +50,9 @@ def test_the_ten_lines_run(
 def test_the_diagrams_are_up_to_date() -> None:
     text = PROTOCOL.read_text()
     assert with_diagrams(text) == text, (
-        "run: python -m mission_io.protocol.diagrams docs/explanation/mission_protocol.md"
+        "run: python -m tests.mission_io.protocol.diagrams docs/explanation/mission_protocol.md"
     )
     assert all(f"<!-- {name} table: begin -->" in text for name in TABLES)
-
-
-def test_a_document_without_its_marks_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    document = tmp_path / "document.md"
-    for text in ("# nothing", "<!-- upload table: begin -->\n", "<!-- clear table: end -->\n"):
-        document.write_text(text)
-        assert main([str(document)]) == 2
-    assert "no marks such as <!-- upload table: begin -->" in capsys.readouterr().err
-    document.write_text("a\n<!-- clear table: begin -->\nold\n<!-- clear table: end -->\nb\n")
-    assert main([str(document)]) == 0
-    text = document.read_text()
-    assert text.startswith("a\n<!-- clear table: begin -->\n```mermaid\nstateDiagram-v2\n    [*] --> ASKED\n")
-    assert text.endswith("<!-- clear table: end -->\nb\n")
-    assert "- `ASKED`: the client requested an empty list\n" in text
 
 
 def test_the_protocol_page_s_example_makes_a_client() -> None:

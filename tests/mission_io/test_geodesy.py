@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from pyproj import Geod, Transformer
 
-from mission_io.model.items import Frame, GeoPoint, Mission, delay, waypoint
-from mission_io.model.places import doubts_about, earth_centred_m, ground_distance_m
+from mission_io.formats.text import doubts_about
+from mission_io.model.items import Frame, GeoPoint, Mission, delay, earth_centred_m, ground_distance_m, waypoint
 from tests.mission_io.formats.samples import HOME, MISSION
 
 GEOD = Geod(ellps="WGS84")

@@ -40,8 +40,16 @@ from mission_io.model.items import (
     waypoint,
 )
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import Address, MissionItemInt, MissionRequestInt, Received
-from mission_io.wire.mission_items import degrees_on_wire, float32, item_from_message, message_from_item
+from mission_io.wire.messages import (
+    Address,
+    MissionItemInt,
+    MissionRequestInt,
+    Received,
+    degrees_on_wire,
+    float32,
+    item_from_message,
+    message_from_item,
+)
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -22,7 +22,7 @@ from mission_io.model.items import (
     MissionType,
     RallyPoints,
 )
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.messages import message_from_item
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

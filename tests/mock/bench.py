@@ -6,7 +6,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, Mode
 from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType, takeoff, waypoint
 from mission_io.wire import messages as m
-from mission_io.wire.mission_items import item_from_message, message_from_item
+from mission_io.wire.messages import item_from_message, message_from_item
 from tests.flight.scene import HOME, above_home, mock_vehicle
 from uavcover.flight.orders import custom_mode
 

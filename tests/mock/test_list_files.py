@@ -10,6 +10,7 @@ from mission_io.autopilots.mission_lists import MissionList, items_of
 from mission_io.client.client import Client
 from mission_io.client.files import FileUploads
 from mission_io.errors import MisuseError, TransferError, TransferSilentError
+from mission_io.formats.wpl import dat_path, write_mission_dat
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.items import (
     Fence,
@@ -27,7 +28,6 @@ from mission_io.model.items import (
     waypoint,
 )
 from mission_io.protocol.ftp import FtpMessage, FtpOperation
-from mission_io.wire.mission_items import dat_path, write_mission_dat
 from mission_io.wire.telemetry_messages import FileTransfer
 from tests.flight.scene import HOME, mock_vehicle
 from tests.mission_io.vehicle import VehiclePeer

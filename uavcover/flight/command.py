@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mission_io.clock import MonotonicClock, SystemClock
+from mission_io.links.base import MonotonicClock
 from mission_io.model.plain_text import counted
+from mission_io.wire.signing import SystemClock
 from uavcover.errors import InputError, OutputError, UavcoverError
 from uavcover.flight.compiled_flight import check_home, fly, upload, upload_document
 from uavcover.flight.connect import Connected, VehicleLink, connect, is_in_the_air, require_home

@@ -259,7 +259,7 @@ def check_home(vehicle: Connected, site: Site, compiled: CompiledMission) -> Non
 
 
 def _silent_session(vehicle: Connected) -> Session:
-    """A session that asks the vehicle, and tells nobody."""
+    """A session that asks the vehicle and reports no events."""
     return Session(vehicle.client, vehicle.monitor, timeouts=FlightTimeouts(), on_event=lambda _: None, stop=lambda: 0)
 
 

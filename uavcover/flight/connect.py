@@ -12,9 +12,8 @@ import numpy as np
 from mission_io import SigningKey
 from mission_io.client.client import Client, answer_terrain_requests
 from mission_io.errors import TransferSilentError, VehicleSilentError
-from mission_io.links.opening import open_link
-from mission_io.links.shared import SharedLink
-from mission_io.links.telemetry_log import LoggedLink
+from mission_io.links.base import LoggedLink
+from mission_io.links.opening import SharedLink, open_link
 from mission_io.model.items import GeoPoint
 from mission_io.model.plain_text import counted
 from mission_io.protocol.terrain import Heights, Place, TerrainAnswers

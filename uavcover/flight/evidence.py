@@ -23,7 +23,7 @@ from types import MappingProxyType
 from mission_io.client.client import Client
 from mission_io.data_tables import data_table
 from mission_io.model.enums import AutopilotId, EkfFlag, Severity
-from mission_io.model.places import ground_distance_m
+from mission_io.model.items import ground_distance_m
 from mission_io.wire import messages as m
 from uavcover.flight.monitor import Monitor
 from uavcover.model.outcome import Ending

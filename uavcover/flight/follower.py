@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection
 
 from mission_io.autopilots.autopilot import Mode
 from mission_io.errors import CommandRefusedError, VehicleSilentError
-from mission_io.model.places import ground_distance_m
+from mission_io.model.items import ground_distance_m
 from mission_io.wire import messages as m
 from uavcover.flight.arming import send_disarm
 from uavcover.flight.mission_guard import ModeOverride

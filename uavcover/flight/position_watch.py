@@ -11,8 +11,7 @@ from enum import Enum
 import numpy as np
 
 from mission_io.data_tables import data_table
-from mission_io.model.items import Command, GeoPoint
-from mission_io.model.places import ground_distance_m
+from mission_io.model.items import Command, GeoPoint, ground_distance_m
 from mission_io.wire import messages as m
 from uavcover.flight.orders import PREPARATION, FlightPlan
 from uavcover.flight.progress import SCHEDULE, MissionProgress

@@ -8,9 +8,17 @@ import numpy as np
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.mission_lists import list_is_whole, refusal_of, stored_item
 from mission_io.errors import FormatError
+from mission_io.formats.wpl import dat_path, read_mission_dat, write_mission_dat
 from mission_io.model.enums import AutopilotId, MissionResult
-from mission_io.model.items import Command, Fence, GeoPoint, MissionItem, MissionType, fence_from_items
-from mission_io.model.places import EQUATOR_M_PER_DEG
+from mission_io.model.items import (
+    EQUATOR_M_PER_DEG,
+    Command,
+    Fence,
+    GeoPoint,
+    MissionItem,
+    MissionType,
+    fence_from_items,
+)
 from mission_io.protocol.server import ListChanged, MissionServer, id_of_items
 from mission_io.protocol.tables import ServerState
 from mission_io.protocol.terrain import (
@@ -27,8 +35,7 @@ from mission_io.protocol.terrain import (
     wrapped_deg,
 )
 from mission_io.wire import messages as m
-from mission_io.wire.messages import Address
-from mission_io.wire.mission_items import dat_path, message_from_item, read_mission_dat, write_mission_dat
+from mission_io.wire.messages import Address, message_from_item
 from mission_io.wire.telemetry_messages import TerrainData, TerrainReport, TerrainRequest
 from uavcover.mock.behaviour import LINK, Parameters
 from uavcover.mock.body import MockBody

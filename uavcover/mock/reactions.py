@@ -11,7 +11,7 @@ from mission_io.autopilots.autopilot import Mode, mode_from_custom, mode_from_pa
 from mission_io.model.enums import CommandResult, Severity, VehicleClass
 from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from mission_io.wire import messages as m
-from mission_io.wire.mission_items import DEGREES_SCALE
+from mission_io.wire.messages import DEGREES_SCALE
 from uavcover.mock.behaviour import BODY, TransferClock
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.itinerary import Step, StepKind, changed_speeds

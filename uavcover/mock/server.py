@@ -11,9 +11,8 @@ from random import Random
 from types import FrameType
 from typing import Generic
 
-from mission_io.clock import MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.links.base import Closing, Link
+from mission_io.links.base import Closing, Link, MonotonicClock
 from mission_io.links.opening import LinkUrl, parse_link_url
 from mission_io.links.stream import FramedChannel, TcpChannel
 from mission_io.links.udp import UdpLink

@@ -13,7 +13,7 @@ import rasterio.errors
 import shapely
 
 from mission_io.data_tables import read_document
-from mission_io.model.places import M_PER_DEG
+from mission_io.model.items import M_PER_DEG
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, TerrainError
 from uavcover.model.area import HeightUnit, Ring, Rings

@@ -15,7 +15,7 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 from numpy.typing import ArrayLike
 from pyproj import Transformer
 
-from mission_io.model.places import MEAN_RADIUS_M
+from mission_io.model.items import MEAN_RADIUS_M
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite

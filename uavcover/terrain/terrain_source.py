@@ -21,7 +21,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.warp import transform_bounds
 
-from mission_io.model.places import M_PER_DEG
+from mission_io.model.items import M_PER_DEG
 from uavcover.errors import NoTileNearError, TerrainError
 from uavcover.terrain.tuning import FILES
 

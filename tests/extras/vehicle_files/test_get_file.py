@@ -4,9 +4,8 @@ from random import Random
 import pytest
 
 from mission_io.formats.files import read_mission
-from mission_io.formats.wpl import write_mission
+from mission_io.formats.wpl import read_mission_dat, write_mission, write_mission_dat
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem, MissionType
-from mission_io.wire.mission_items import read_mission_dat, write_mission_dat
 from tests.cli.conftest import Cli, mock_vehicle
 
 

@@ -16,7 +16,7 @@ from mission_io.formats import plan, wpl
 from mission_io.formats.drawings import DrawnArea, read_fence_list, write_area_list, write_fence_list
 from mission_io.links.udp import UdpLink
 from mission_io.model.items import Fence, Frame, FramedPoint, GeoPoint, MissionItem, items_from_fence, items_from_rally
-from mission_io.wire.mission_items import float32
+from mission_io.wire.messages import float32
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

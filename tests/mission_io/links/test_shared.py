@@ -9,11 +9,9 @@ import pytest
 
 from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
-from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import Link
-from mission_io.links.opening import open_link
-from mission_io.links.shared import MOST_WAITING, LinkShare, SharedLink
+from mission_io.links.base import Clock, Link, MonotonicClock
+from mission_io.links.opening import MOST_WAITING, LinkShare, SharedLink, open_link
 from mission_io.links.stream import TcpListeningLink
 from mission_io.links.udp import UdpLink
 from mission_io.model.items import Frame, MissionType, waypoint

@@ -11,8 +11,7 @@ from mission_io.errors import MissionIoError
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.timing import LongestTimes, Timing, longest_times
-from mission_io.wire.messages import MissionCount, MissionItemInt
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.messages import MissionCount, MissionItemInt, message_from_item
 from tests.mission_io.protocol.hostile import HostileVehicle, valid_items
 
 ITEMS = 9

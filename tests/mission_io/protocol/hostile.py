@@ -28,7 +28,7 @@ from mission_io.model.items import (
     waypoint,
 )
 from mission_io.wire import messages as m
-from mission_io.wire.mission_items import degrees_on_wire
+from mission_io.wire.messages import degrees_on_wire
 from tests.mission_io.vehicle import VehiclePeer
 
 GROUND = (255, 190)

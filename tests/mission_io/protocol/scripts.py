@@ -10,8 +10,7 @@ from typing import Any
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
 from mission_io.wire import messages as m
-from mission_io.wire.messages import Address
-from mission_io.wire.mission_items import degrees_on_wire, message_from_item
+from mission_io.wire.messages import Address, degrees_on_wire, message_from_item
 
 GROUND, VEHICLE = Address(255, 190), Address(1, 1)
 

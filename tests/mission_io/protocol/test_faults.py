@@ -16,8 +16,7 @@ from mission_io.model.items import Frame, MissionType
 from mission_io.protocol.server import MissionServer
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import Address, MissionAck, MissionCount, MissionItemInt, Received
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.messages import Address, MissionAck, MissionCount, MissionItemInt, Received, message_from_item
 from tests.mission_io.protocol.scripts import GROUND, VEHICLE, items, play
 from tests.mission_io.protocol.two_sides import (
     BOTH,

@@ -18,8 +18,8 @@ from mission_io.wire.messages import (
     MissionItemInt,
     MissionRequestInt,
     Received,
+    message_from_item,
 )
-from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.scripts import items, text
 from tests.mission_io.protocol.two_sides import BOTH, held, losing, untested, vehicle, vehicle_script
 from tests.mission_io.vehicle import VehiclePeer, connected

@@ -5,13 +5,14 @@ import pytest
 
 from mission_io.client.files import FileDownloads
 from mission_io.errors import FormatError, MisuseError, TransferCancelledError, TransferError, TransferSilentError
+from mission_io.formats.wpl import dat_path, read_mission_dat, write_mission_dat
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Frame, MissionItem, MissionType
 from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation, FtpServer
 from mission_io.protocol.ftp_files import FtpDownload
 from mission_io.protocol.ftp_transfer import FtpListing, FtpState
 from mission_io.wire.codec import Codec
-from mission_io.wire.mission_items import dat_path, message_from_item, read_mission_dat, write_mission_dat
+from mission_io.wire.messages import message_from_item
 from tests.mission_io.protocol.ftp_transfers import download_s, line_s, upload_s
 from tests.mission_io.protocol.test_ftp import KeepsFiles
 from tests.mission_io.vehicle import connected

@@ -20,8 +20,7 @@ from mission_io.model.items import (
     waypoint,
 )
 from mission_io.protocol.server import MissionServer
-from mission_io.wire.messages import Heartbeat, MissionCount, MissionItemFloat, Received
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.messages import Heartbeat, MissionCount, MissionItemFloat, Received, message_from_item
 from tests.mission_io.protocol.scripts import GROUND, VEHICLE, items, play, text
 
 

@@ -10,9 +10,10 @@ from mission_io.model.items import MissionType
 from mission_io.protocol.download import DOWNLOAD_TABLE, Download
 from mission_io.protocol.exchange import CLEAR_TABLE, Clear
 from mission_io.protocol.server import MissionServer
-from mission_io.protocol.tables import SERVER_TABLE, UPLOAD_TABLE, MissingRowError, Row, Table, UploadState, mermaid
+from mission_io.protocol.tables import SERVER_TABLE, UPLOAD_TABLE, MissingRowError, Row, Table, UploadState
 from mission_io.protocol.upload import Upload
 from tests.mission_io.protocol import cases
+from tests.mission_io.protocol.diagrams import mermaid
 from tests.mission_io.protocol.scripts import GROUND, VEHICLE, Script, items, play
 
 CLIENT = {"mission_type": MissionType.MISSION, "local": GROUND, "vehicle": VEHICLE, "now": 0.0}

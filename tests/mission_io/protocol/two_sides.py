@@ -10,8 +10,7 @@ from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from mission_io.protocol.server import MissionServer
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import MissionCount, Received
-from mission_io.wire.mission_items import message_from_item
+from mission_io.wire.messages import MissionCount, Received, message_from_item
 from tests.mission_io.protocol.scripts import GROUND, VEHICLE, items, play, text
 from tests.mission_io.vehicle import VehiclePeer
 

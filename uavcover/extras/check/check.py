@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import shapely
 
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
-from mission_io.model.places import FAR_FROM_HOME_M, MEAN_RADIUS_M, ground_distance_m
+from mission_io.formats.text import FAR_FROM_HOME_M
+from mission_io.model.items import MEAN_RADIUS_M, Command, Frame, GeoPoint, Mission, MissionItem, ground_distance_m
 from uavcover.extras.check.clearance_checks import (
     distance_findings,
     fence_findings,

@@ -13,8 +13,17 @@ from typing import Final
 
 import numpy as np
 
-from mission_io.model.items import LAST_NAVIGATION, Command, Frame, GeoPoint, Mission, MissionItem, SpeedType
-from mission_io.model.places import FAR_FROM_HOME_M, ground_distance_m
+from mission_io.formats.text import FAR_FROM_HOME_M
+from mission_io.model.items import (
+    LAST_NAVIGATION,
+    Command,
+    Frame,
+    GeoPoint,
+    Mission,
+    MissionItem,
+    SpeedType,
+    ground_distance_m,
+)
 from uavcover.extras.check.findings import CheckFinding, Weight
 from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import Aircraft

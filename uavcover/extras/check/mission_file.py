@@ -10,10 +10,9 @@ from types import MappingProxyType
 from mission_io.errors import FormatError
 from mission_io.formats import files, litchi, plan, wpml
 from mission_io.formats.csv_tables import words_of
-from mission_io.formats.text import text_from_bytes
+from mission_io.formats.text import doubts_about_fence, text_from_bytes
 from mission_io.model.enums import AutopilotId, VehicleKind, kind_of
 from mission_io.model.items import Command, Fence, FramedPoint, Mission
-from mission_io.model.places import doubts_about_fence
 from mission_io.model.plain_text import counted
 from uavcover.cli.survey_options import ElevationData
 from uavcover.errors import InputError, ScenarioError

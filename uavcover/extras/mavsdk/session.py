@@ -25,8 +25,7 @@ from mission_io.errors import MisuseError
 from mission_io.links.base import Link, WrappingLink
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire.framing import frames_of
-from mission_io.wire.messages import Address, MissionItemInt
-from mission_io.wire.mission_items import item_from_message, message_to_send
+from mission_io.wire.messages import Address, MissionItemInt, item_from_message, message_to_send
 from uavcover.errors import VehicleError
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from mission_io.model.places import M_PER_DEG
+from mission_io.model.items import M_PER_DEG
 from uavcover.cli.survey_options import ElevationData, open_elevation_data
 from uavcover.errors import InputError, NoTileNearError
 from uavcover.new.elevation_questions import (

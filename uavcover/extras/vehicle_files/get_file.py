@@ -122,8 +122,8 @@ def get_file(
 
 def _list_of(path: str) -> "MissionType | None":
     """Name of ArduPilot's list that a path is the file of; None for any other file."""
+    from mission_io.formats.wpl import dat_path
     from mission_io.model.items import MissionType
-    from mission_io.wire.mission_items import dat_path
 
     return next((kind for kind in MissionType if path.lstrip("/").casefold() == dat_path(kind).casefold()), None)
 

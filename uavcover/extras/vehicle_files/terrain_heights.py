@@ -8,7 +8,7 @@ import numpy as np
 
 from mission_io.client.client import Client, answer_terrain_requests
 from mission_io.data_tables import data_table
-from mission_io.model.places import EQUATOR_M_PER_DEG
+from mission_io.model.items import EQUATOR_M_PER_DEG
 from mission_io.model.plain_text import counted
 from mission_io.protocol.terrain import (
     PART_COUNT,

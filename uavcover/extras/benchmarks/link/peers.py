@@ -30,8 +30,7 @@ from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
 from mission_io.protocol.server import MissionServer
 from mission_io.protocol.timing import Timing
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import Address, Heartbeat
-from mission_io.wire.mission_items import degrees_on_wire
+from mission_io.wire.messages import Address, Heartbeat, degrees_on_wire
 from uavcover.errors import VehicleError
 from uavcover.plugins import load
 
