@@ -265,11 +265,8 @@ def _verdict(
     if math.isfinite(sent) and received == float32(sent):
         return True, "MAVLink carries this number in 32 bits"
     if size_m is not None:
-        return (
-            (True, "this is the same height within 2 cm")
-            if size_m <= SAME_PLACE_M
-            else (False, "this is a different height")
-        )
+        is_same = size_m <= SAME_PLACE_M
+        return is_same, "this is the same height within 2 cm" if is_same else "this is a different height"
     if meaning.same(sent, received):
         return True, f"the meaning is the same: {meaning.value}"
     return False, "the value differs, and no known behaviour of the autopilot explains it"
@@ -277,8 +274,7 @@ def _verdict(
 
 def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple[bool, str]:
     if math.isfinite(sent) and abs(received - degrees_on_wire(sent)) < _HALF_UNIT_DEG:
-        rounded = "MAVLink carries coordinates in steps of 1e-7 degrees"
-        return True, rounded
+        return True, "MAVLink carries coordinates in steps of 1e-7 degrees"
     if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_PLACE_M):
         return True, "this is the same position within 2 cm or a step of 1e-7 degrees"
     return False, "this is a different position"
@@ -441,13 +437,7 @@ def _only_once(bits: list[bytes]) -> dict[bytes, int]:
 
 
 def _bits(item: MissionItem) -> bytes:
-    return struct.pack(
-        "<qi7d?",
-        item.command,
-        item.frame,
-        *(value for _, value in item.values()),
-        item.autocontinue,
-    )
+    return struct.pack("<qi7d?", item.command, item.frame, *(value for _, value in item.values()), item.autocontinue)
 
 
 def _home_bits(home: GeoPoint | None) -> bytes | None:

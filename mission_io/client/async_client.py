@@ -122,11 +122,7 @@ class AsyncClient:
         return await self.call(wait_for_mission, progress=report, until=until, silent_s=silent_s)
 
     async def call(
-        self,
-        function: Callable[Concatenate[Client, ArgsP], ResultT],
-        /,
-        *args: ArgsP.args,
-        **kwargs: ArgsP.kwargs,
+        self, function: Callable[Concatenate[Client, ArgsP], ResultT], /, *args: ArgsP.args, **kwargs: ArgsP.kwargs
     ) -> ResultT:
         """Call any other function of a ``Client`` on the worker: ``await client.call(Client.read_parameter, "RTL_ALT")``."""
 

@@ -317,11 +317,7 @@ class Client(Connection):
             return None
 
     def _read_back(
-        self,
-        mission_type: MissionType,
-        items: Sequence[MissionItem],
-        autopilot: Autopilot,
-        stop: Stop | None = None,
+        self, mission_type: MissionType, items: Sequence[MissionItem], autopilot: Autopilot, stop: Stop | None = None
     ) -> ReadBack:
         """Compare what the vehicle holds with what was sent; read once more when it differs.
 

@@ -117,12 +117,7 @@ class Connection(Closing):
             self.codec.signing.close()
 
     def sign_with(
-        self,
-        key: SigningKey,
-        *,
-        link_id: int = 0,
-        clock: UnixClock | None = None,
-        store: TimestampStore | None = None,
+        self, key: SigningKey, *, link_id: int = 0, clock: UnixClock | None = None, store: TimestampStore | None = None
     ) -> None:
         """Sign everything sent from now on, and accept only messages signed with the same key.
 

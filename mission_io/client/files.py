@@ -106,14 +106,7 @@ class FileUploads(_Files[FtpUpload]):
         silent_s: Silence after which an upload is given up.
     """
 
-    def upload(
-        self,
-        path: str,
-        content: bytes,
-        *,
-        progress: Progress | None = None,
-        stop: Stop | None = None,
-    ) -> None:
+    def upload(self, path: str, content: bytes, *, progress: Progress | None = None, stop: Stop | None = None) -> None:
         """Upload a file and compare its CRC; after an error, the same call continues where it stopped.
 
         Args:
@@ -198,13 +191,7 @@ class FileDownloads(_Files[FtpDownload]):
         self._check_done(listing, f"list of {path}", "", "unchanged")
         return listing.entries
 
-    def download(
-        self,
-        path: str,
-        *,
-        progress: Progress | None = None,
-        stop: Stop | None = None,
-    ) -> bytes:
+    def download(self, path: str, *, progress: Progress | None = None, stop: Stop | None = None) -> bytes:
         """Download a file and compare its CRC; after an error, the same call continues where it stopped.
 
         Args:

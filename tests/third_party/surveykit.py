@@ -13,7 +13,7 @@ from uavcover.kernels.sight import Sight
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.sensor_base import Rays
-from uavcover.verification.track_logs.assembly import LoggedRows
+from uavcover.verification.track_logs.logged_rows import LoggedRows
 
 COMMANDS = {"After": {"hello": ("surveykit", "says hello to a file", ("uavcover hello mission.json",))}}
 

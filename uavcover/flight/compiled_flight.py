@@ -96,13 +96,7 @@ UPLOAD_FILE = "upload.json"
 
 
 def upload_run(
-    run: RunFolder,
-    site: Site,
-    route: Route,
-    to: VehicleLink,
-    user: User,
-    *,
-    in_flight: bool = False,
+    run: RunFolder, site: Site, route: Route, to: VehicleLink, user: User, *, in_flight: bool = False
 ) -> dict[str, Any]:
     """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
 

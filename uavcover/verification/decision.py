@@ -153,11 +153,7 @@ def _judge_overlap(
     return [unproved("overlap", f"{short}; {more}")]
 
 
-def _judge_coverage(
-    coverage: CoverageMap,
-    flown: FlownCoverage,
-    perhaps: Callable[[], BoolArray],
-) -> list[Finding]:
+def _judge_coverage(coverage: CoverageMap, flown: FlownCoverage, perhaps: Callable[[], BoolArray]) -> list[Finding]:
     """Insufficient coverage fails, unless unobserved stretches may make up for it: then it is not proved."""
     requirements = coverage.site.scenario.requirements
     share, sure = coverage.share_of_coverable(flown.seen), coverage.share_of_coverable(flown.surely_seen)

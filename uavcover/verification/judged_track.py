@@ -230,11 +230,7 @@ def _requirement_violations(
 
 
 def _reasons(
-    site: Site,
-    phases: Phases,
-    speeds_m_s: FloatArray,
-    deviations: FloatArray | None,
-    violations: list[Violation],
+    site: Site, phases: Phases, speeds_m_s: FloatArray, deviations: FloatArray | None, violations: list[Violation]
 ) -> list[Finding]:
     """Limits that a track breaks, one line each."""
     requirements = site.scenario.requirements

@@ -19,8 +19,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track_with_warnings
 from uavcover.scenario.site import Site
 from uavcover.verification.flown_route import PlannedRoute
-from uavcover.verification.track_logs.assembly import CLOCK
-from uavcover.verification.track_logs.readers import READERS, read_foreign_log
+from uavcover.verification.track_logs.readers import CLOCK, READERS, read_foreign_log
 
 # Check a track's clocks: its date, and the receive times on the clock of the ground station.
 #

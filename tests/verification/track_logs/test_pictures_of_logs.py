@@ -22,8 +22,8 @@ from uavcover.errors import TrackError
 from uavcover.model.sensor import SphereSensor
 from uavcover.model.track import ReadTrack
 from uavcover.verification.observations import reports_photos
-from uavcover.verification.track_logs.assembly import LOGS, LoggedRows, assemble_track
-from uavcover.verification.track_logs.readers import read_foreign_log
+from uavcover.verification.track_logs.logged_rows import LoggedRows
+from uavcover.verification.track_logs.readers import LOGS, assemble_track, read_foreign_log
 
 WRITERS = {"x.tlog": write_tlog, "x.bin": write_dataflash, "x.ulg": write_ulog}
 formats = pytest.mark.parametrize("name", WRITERS)

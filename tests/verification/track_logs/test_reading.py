@@ -18,8 +18,8 @@ from tests.verification.track_logs.samples import (
 )
 from uavcover.errors import TrackError
 from uavcover.model.track import ReadTrack
-from uavcover.verification.track_logs.assembly import LoggedRows, assemble_track
-from uavcover.verification.track_logs.readers import READERS, read_foreign_log
+from uavcover.verification.track_logs.logged_rows import LoggedRows
+from uavcover.verification.track_logs.readers import READERS, assemble_track, read_foreign_log
 
 WRITERS = {"flight.tlog": write_tlog, "flight.BIN": write_dataflash, "flight.ulg": write_ulog}
 

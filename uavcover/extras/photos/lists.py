@@ -24,8 +24,8 @@ from mission_io.model.plain_text import counted
 from uavcover.errors import TrackError
 from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
 from uavcover.kernels.arrays import FloatArray
-from uavcover.verification.track_logs.assembly import LoggedRows, attitudes_at
-from uavcover.verification.track_logs.readers import READERS
+from uavcover.verification.track_logs.logged_rows import LoggedRows
+from uavcover.verification.track_logs.readers import READERS, attitudes_at
 
 _LARGEST = 100_000_000
 _DEGREES = CRS.from_epsg(4326)

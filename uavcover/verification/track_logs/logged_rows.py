@@ -1,20 +1,46 @@
-"""Logs of MAVLink, read by pymavlink: ArduPilot's dataflash logs (``.bin``) and ground stations' telemetry (``.tlog``)."""
+"""Rows of positions, attitudes and photos in ArduPilot's dataflash logs, telemetry logs (both by pymavlink) and GPX files."""
 
 import contextlib
+import datetime
 import io
 import math
 import struct
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mission_io.model.enums import VehicleKind, kind_of
 from uavcover.errors import TrackError
-from uavcover.verification.track_logs.assembly import LoggedRows
+from uavcover.kernels.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoggedRows:
+    """Positions and attitudes of a log."""
+
+    positions: FloatArray  # (n, 4) time in seconds, latitude and longitude in degrees, height above sea level in metres
+    attitudes: FloatArray  # (k, 4) time in seconds, roll, pitch and yaw in degrees; may be empty
+    # (p, 3) time in seconds, latitude and longitude in degrees of every photo that was taken, NaN or 0 where its
+    # position is not reported; none in a log without camera messages
+    pictures: FloatArray | None = None
+    warnings: tuple[str, ...] = ()  # what was dropped or assumed so far
+    # (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them
+    clock: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    # (r, 2) time in seconds and distance in metres of every valid reading of a rangefinder that looks down
+    ranges: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    # (s, 3) latitude, longitude and height above sea level of the ground in the vehicle's own terrain data
+    stored: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    # (p,) number of photos before each photo that the camera counted and whose message is missing; empty: none
+    lost: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    # (v, 4) time in seconds, reported velocity over ground north, east and down in m/s; empty: not reported
+    velocities: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+
 
 _MAGIC = b"\xa3\x95"
 _ESTIMATOR = ("XKF1", "XKF4", "NKF1")
@@ -312,3 +338,71 @@ def _note_picture(found: _Pictures, message: Any, source: _Source, now_s: float)
         camera, number, good = message.camera_id, message.image_index, message.capture_result == 1
         place = (message.lat * 1e-7, message.lon * 1e-7)
     found.setdefault((source[0], camera, number), (now_s, *place) if good else None)
+
+
+def read_gpx(path: Path) -> LoggedRows:
+    """Read the points of all tracks and segments of a GPX 1.0 or 1.1 file.
+
+    Time counts from the first one.
+
+    ``ele`` is a height above sea level by the standard; a warning says that this is assumed.
+
+    Raises:
+        TrackError: not such a file; a point has no height or time, or one that is not a number.
+    """
+    text = path.read_bytes()
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise TrackError(f"{path}: a GPX file must not contain a document type or entities; remove them")
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise TrackError(f"{path}: cannot read the file as GPX: {error}") from None
+    if _name(root) != "gpx":
+        raise TrackError(f"{path}: this is not a GPX file, because its root element is <{_name(root)}>")
+    points = list(_points(path, root))
+    if not points:
+        raise TrackError(f"{path}: the file contains no track points")
+    positions = np.array(points)
+    clock = np.array([[0.0, positions[0, 0]]])
+    positions[:, 0] -= positions[0, 0]
+    warning = (
+        f"{path}: uavcover interprets the heights as above sea level, as the GPX standard requires; some loggers "
+        "write ellipsoid heights"
+    )
+    return LoggedRows(positions, np.empty((0, 4)), warnings=(warning,), clock=clock)
+
+
+def _points(path: Path, root: ElementTree.Element) -> Iterator[tuple[float, float, float, float]]:
+    number = 0
+    for element in root.iter():
+        if _name(element) != "trkpt":
+            continue
+        children = {_name(child): (child.text or "").strip() for child in element}
+        values = {"lat": element.get("lat"), "lon": element.get("lon"), **children}
+        lat, lon, alt = (_number(path, number, name, values.get(name)) for name in ("lat", "lon", "ele"))
+        yield _time_s(path, number, values.get("time")), lat, lon, alt
+        number += 1
+
+
+def _name(element: ElementTree.Element) -> str:
+    """The element's name without its namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def _number(path: Path, point: int, name: str, text: str | None) -> float:
+    try:
+        value = float(text) if text is not None else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TrackError(f"{path}: track point {point}: {name} must be a number, not {text!r}")
+    return value
+
+
+def _time_s(path: Path, point: int, text: str | None) -> float:
+    try:
+        moment = datetime.datetime.fromisoformat(text or "")
+    except ValueError:
+        raise TrackError(f"{path}: track point {point}: time must be a date and time, not {text!r}") from None
+    # GPX times are UTC, also those without a zone.
+    return (moment if moment.tzinfo else moment.replace(tzinfo=datetime.UTC)).timestamp()
