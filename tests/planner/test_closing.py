@@ -14,6 +14,7 @@ from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
+from uavcover.planner.search import goal_search
 from uavcover.planner.search.closing import closed_beginning, closed_end, with_gaps_closed
 from uavcover.planner.search.local_search import SearchStart
 from uavcover.planner.search.route_problem import RouteJudge
@@ -239,3 +240,49 @@ def test_a_short_beginning_is_no_bargain_for_the_ground_that_it_misses() -> None
     assert TUNED.goal.start_cost(195.0, 0.98, 0.999) < TUNED.goal.start_cost(23.0, 0.13, 0.999)
     assert TUNED.goal.start_cost(23.0, 0.0, 0.999) == math.inf
     assert TUNED.goal.start_cost(195.0, 1.0, 0.999) == 195.0
+
+
+@pytest.mark.parametrize(
+    ("closing", "ends_short", "shares", "end"),
+    [
+        (0.0, 0, [(0.6, 0.7)], 0.7),
+        (0.0, 1, [(0.6, 0.7), (0.7, 0.8)], 0.8),
+        (0.15, 1, [(0.75, 0.85), (0.85, 0.85)], 0.85),
+        (0.0, 9, [(0.6, 0.7), (0.7, 0.8), (0.8, 0.85)], 0.85),
+    ],
+    ids=["reaches its goal", "ends short once", "closing takes long", "ends short every time"],
+)
+def test_a_search_goes_on_from_closed_gaps_however_long_closing_took(
+    monkeypatch: pytest.MonkeyPatch, closing: float, ends_short: int, shares: list[tuple[float, float]], end: float
+) -> None:
+    """Closed gaps that nothing made shorter took 1,000 s over a canyon where 740 s are enough."""
+    pace = SimpleNamespace(fraction=0.6 + closing)
+    problem = SimpleNamespace(cost=lambda route: route.length_m, free_order=False)
+    work: Any = SimpleNamespace(stopped=False, pace=pace, tuning=TUNED, problem=problem)
+    long, shorter = (Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])) for m in (1000.0, 700.0))
+    searched, left = list[tuple[float, float]](), iter(range(ends_short))
+
+    def search(_work: Any, starts: list[SearchStart], *args: Any, **_: Any) -> list[SearchStart]:
+        assert starts[0].route is long
+        searched.append(args[2])
+        pace.fraction = max(pace.fraction, args[2][1])
+        return [SearchStart(shorter, 0.97)]
+
+    def close(*_: Any, **__: Any) -> SearchStart | None:
+        if next(left, None) is None:
+            return None
+        pace.fraction += closing
+        return SearchStart(long, 0.98)
+
+    monkeypatch.setattr(goal_search, "search_goal", search)
+    monkeypatch.setattr(goal_search, "closed_end", close)
+    kept = list[Route]()
+    judge = RouteJudge(lambda _, __: 0.97, kept.append)
+    out, ended = goal_search.search_from_closed(
+        work, SearchStart(long, 0.98), SearchStart(shorter, 0.96), 0.98, 100, (0.6, 0.85), 0.1, judge,
+        finest=False, from_beginning=False,
+    )  # fmt: skip
+    assert searched == [pytest.approx(share) for share in shares]
+    assert ended == pytest.approx(end)
+    assert len(kept) == min(ends_short, 3)
+    assert len(out) == len(searched) + len(kept)

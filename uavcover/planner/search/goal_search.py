@@ -21,6 +21,9 @@ LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 _ROUNDS, _SUREST = 3, 3
 """Rounds of a search on the finest cells, and beginnings that are judged for it besides the ends of the search before."""
 
+_CLOSED_AGAIN = 3
+"""Searches from routes with closed gaps, one after the other, while they end short of their goal."""
+
 _ROUNDING = 1e-9
 
 
@@ -40,10 +43,9 @@ def search_goals(
     """
     begin, tuned = work.pace.fraction, work.tuning.goal
     goals: Sequence[float] = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
-    main = 0.0 if asked is None else tuned.main_share
     known = list(starts)
     if asked is not None:
-        end = begin + main * (until - begin)
+        end = begin + tuned.main_share * (until - begin)
         finest = asked > tuned.nearly_all and work.finest is not None and not work.problem.free_order
         middle = begin + (tuned.coarse_share if finest else 1.0) * (end - begin)
         # What the search's cells lack of nearly all they cannot show: their price would only drive the route into detours.
@@ -62,36 +64,20 @@ def search_goals(
         if closed is None:
             with_closing += (tuned.closing_share_far - closing) * (until - begin)
             closed = closed_beginning(work, starts, found, asked, judge, until=with_closing, at_last=until)
-        # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is high anyway.
-        price = None
-        if closed is not None and (from_beginning or asked <= tuned.nearly_all):
-            price = min(tuned.most_price, tuned.dear_ground * price_between(work.problem, found[-1], closed))
         known += found
         if closed is not None:
             judge.found(closed.route)
         if closed is not None and len(closed.route) <= capacity:
-            main += tuned.closing_share
-            after, end = min(work.pace.fraction, end), begin + main * (until - begin)
-            stages = tuned.main_stages if from_beginning else tuned.stages
-            if finest:
-                again = _on_finest_cells(work, [closed], asked, capacity, (after, end), judge)
-            else:
-                again = search_goal(
-                    work, [closed], asked, capacity, (after, end), stages, judge, closed=True, coverage_price=price
-                )
-            known += again
-            # Cells of the search may see all where those that judge lack a few.
-            last = closed_end(
-                work, again, asked, judge, until=end + tuned.closing_share * (until - begin),
-                least_short=tuned.most_closed_after if from_beginning else 0,
+            again, end = search_from_closed(
+                work, closed, found[-1], asked, capacity, (end, until), tuned.closing_share * (until - begin), judge,
+                finest=finest, from_beginning=from_beginning,
             )  # fmt: skip
-            if last is not None:
-                judge.found(last.route)
-            if last is not None and len(last.route) <= capacity:
-                known.append(last)
+            known += again
         elif end - work.pace.fraction > _ROUNDING:
             known += search_goal(work, known, asked, capacity, (work.pace.fraction, end), tuned.main_stages, judge)
-    ladder = (1.0 - main) * (until - begin)
+    else:
+        end = begin
+    ladder = until - end
     goals = _thinned(goals, _most_goals(work, ladder))
     each = ladder / len(goals)
     # From the highest: what reaches more is a good beginning for what may see less.
@@ -99,6 +85,56 @@ def search_goals(
         at = until - ladder + number * each
         known += search_goal(work, known, goal, capacity, (at, at + each), tuned.stages, judge)
     return known
+
+
+def search_from_closed(
+    work: Work, closed: SearchStart, short: SearchStart, goal: float, capacity: int, share: tuple[float, float],
+    each: float, judge: RouteJudge, *, finest: bool, from_beginning: bool,
+) -> tuple[list[SearchStart], float]:  # fmt: skip
+    """Search from a route with closed gaps, and again where that ends short of the goal and its gaps are closed.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        closed: with closed gaps.
+        short: the end that it was made from, or that was given up for it.
+        goal: share of what can be covered.
+        capacity: most waypoints.
+        share: of all the work, where the search before had to end, and where the last of these has to.
+        each: share of all the work that each of them has, whatever closing the gaps took.
+        judge: judges what is found, and closes its gaps.
+        finest: whether the finest cells are searched.
+        from_beginning: whether the gaps of a beginning were closed.
+
+    Returns:
+        What the stages ended with, and the share of all the work at which the last one ends.
+    """
+    tuned, (end, until), out = work.tuning.goal, share, list[SearchStart]()
+    end += each
+    stages = tuned.main_stages if from_beginning else tuned.stages
+    for _ in range(_CLOSED_AGAIN):
+        end = min(until, max(end, work.pace.fraction + each))
+        share = min(work.pace.fraction, end), end
+        if finest:
+            again = _on_finest_cells(work, [closed], goal, capacity, share, judge)
+        else:
+            # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is high anyway.
+            price = None
+            if from_beginning or goal <= tuned.nearly_all:
+                price = min(tuned.most_price, tuned.dear_ground * price_between(work.problem, short, closed))
+            again = search_goal(work, [closed], goal, capacity, share, stages, judge, closed=True, coverage_price=price)
+        out += again
+        # Cells of the search may see all where those that judge lack a few.
+        last = closed_end(
+            work, again, goal, judge, until=end + each, least_short=tuned.most_closed_after if from_beginning else 0
+        )
+        if last is None:
+            break
+        judge.found(last.route)
+        if len(last.route) > capacity:
+            break
+        out.append(last)
+        short, closed, stages = again[-1], last, tuned.stages
+    return out, end
 
 
 def _on_finest_cells(
