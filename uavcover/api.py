@@ -76,7 +76,7 @@ def select(run: str | Path, rule: str, *, force: bool = False) -> "Plan":
         rule: see :mod:`uavcover.planner.selection_rule`.
         force: also when the route before was flown; it is kept in a folder of its own.
     """
-    from uavcover.planner.select import choose
+    from uavcover.planner.command import choose
     from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder, flown_in
 

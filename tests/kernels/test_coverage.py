@@ -11,8 +11,7 @@ from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import coverage as naive
 from tests.naive import plan_coverage as naive_pictures
 from uavcover.kernels import coverage as kernels
-from uavcover.kernels.cells import Cells
-from uavcover.kernels.line_of_sight import in_line_of_sight
+from uavcover.kernels.cells import Cells, in_line_of_sight
 from uavcover.kernels.obstacles import horizons, roofs_m
 from uavcover.kernels.sight import (
     CONE,

@@ -8,7 +8,7 @@ import pytest
 from tests.compiled_kernels import cases
 from tests.kernels.test_observation_counting import DOWN, EXACT, flat_ground, one_cell, tops_of
 from tests.naive import detection as naive
-from uavcover.kernels import detection as kernels
+from uavcover.kernels import coverage as kernels
 from uavcover.kernels import observation_counting
 from uavcover.kernels.sight import CONE, RAY, Sight, local_slopes
 

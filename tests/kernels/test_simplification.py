@@ -9,8 +9,8 @@ from tests.naive import route_state as naive_state
 from tests.naive import simplification as naive
 from uavcover.kernels.annealing import snapshot
 from uavcover.kernels.route_state import recount
+from uavcover.kernels.route_state_cost import merge, take_out
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS
-from uavcover.kernels.simplification import merge, take_out
 from uavcover.kernels.way_cost import SHORTEST
 
 CHANGES = {"take out": (take_out, naive.take_out), "merge": (merge, naive.merge)}

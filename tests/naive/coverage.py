@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.naive import obstacles as naive_obstacles
 from tests.naive import surface as naive_surface
-from uavcover.kernels.line_of_sight import GRAZING_M
+from uavcover.kernels.cells import GRAZING_M
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, RAY, SPHERE
 from uavcover.kernels.surface import SINE_COSINE
 

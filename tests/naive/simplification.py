@@ -1,4 +1,4 @@
-"""Naive twin of uavcover.kernels.simplification: every exchange is made on a copy, and all of it counted and checked again."""
+"""Naive twin of uavcover.kernels.route_state_cost: every exchange is made on a copy, and all of it counted and checked again."""
 
 import itertools
 import math

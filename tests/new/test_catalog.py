@@ -9,7 +9,7 @@ import pytest
 from tests.naive import detection as naive
 from uavcover.errors import InputError
 from uavcover.extras.exports.command import dji_aircraft_named
-from uavcover.kernels.detection import look_probability
+from uavcover.kernels.coverage import look_probability
 from uavcover.new.catalog import all_cameras, all_curves, all_vehicles, camera_named, curve_named, vehicle_named
 
 CAMERAS = {camera.name: camera for camera in all_cameras()}

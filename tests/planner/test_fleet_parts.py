@@ -22,10 +22,9 @@ from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.area import Outline
 from uavcover.model.route import Route
-from uavcover.planner.command import PlanRequest, plan_into
+from uavcover.planner.command import PlanRequest, choose, plan_into, read_members
 from uavcover.planner.fleet_parts import part_sites
 from uavcover.planner.pareto_file import pareto_routes_csv, read_pareto_routes
-from uavcover.planner.select import choose, read_members
 from uavcover.report.content import read_run
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario

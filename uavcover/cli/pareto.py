@@ -43,6 +43,7 @@ def select(
 
     from uavcover.errors import InputError
     from uavcover.model.vehicle import autopilot_name
+    from uavcover.planner.command import choose
     from uavcover.planner.plan_files import say_fleet
     from uavcover.planner.plan_words import (
         figures_header,
@@ -52,7 +53,6 @@ def select(
         say_size,
         upload_in_words,
     )
-    from uavcover.planner.select import choose
     from uavcover.planner.selection_rule import parse_rule
     from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder, flown_in

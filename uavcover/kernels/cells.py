@@ -1,12 +1,24 @@
-"""The cells of an area, on a square lattice: ``lattice`` maps its rows and columns to cell numbers, -1 where there is no cell."""
+"""The cells of an area, and whether ground or obstacles stand between one of them and a place.
 
+They lie on a square lattice: ``lattice`` maps its rows and columns to cell numbers, -1 where there is no cell.
+
+What is known around a cell decides most rays: its horizon and its skyline of obstacles, how steep the ground is anywhere, and how
+steeply it rises in each sector. The others are traced, at their full length and in closed form.
+"""
+
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.horizon import SECTORS
-from uavcover.kernels.skyline import NO_SKYLINES, Skylines
+from uavcover.kernels.arrays import Point
+from uavcover.kernels.horizon import CLEAR_FROM, HIDDEN_BELOW, HIDDEN_BEYOND_M, SECTORS, sector_of
+from uavcover.kernels.jit import kernel
+from uavcover.kernels.obstacles import keeps_clear
+from uavcover.kernels.sight import MIDPOINT, NO_LINE_OF_SIGHT, RAY, Sight
+from uavcover.kernels.skyline import CLEAR, HIDDEN, NO_SKYLINES, UNDECIDED, Skylines, beyond_skyline, skyline_row
+from uavcover.kernels.surface import Surface, has_node_cell, height_above, stays_above
 
 NO_RISE = np.empty((0, 3, SECTORS), dtype=np.float32)
 NO_RISE.flags.writeable = False
@@ -38,3 +50,112 @@ class Cells(NamedTuple):
     scatter_m: float = 0.0
     rise: NDArray[np.float32] = NO_RISE
     skylines: Skylines = NO_SKYLINES
+
+
+GRAZING_M = 1e-6
+"""A ray that dips below the ground by no more than this still sees: the target itself lies on the ground."""
+
+PAST_OBSTACLES = 3
+"""Beside UNDECIDED, CLEAR and HIDDEN of a skyline: the ground may be in the way."""
+
+
+class AroundCell(NamedTuple):
+    """What is known around a cell; tangents.
+
+    Attributes:
+        horizon: rays at least so steep pass over all obstacles.
+        row: of its skyline, -1 where it has none.
+        steepest: rays at least so steep are clear of the ground.
+        rises: whether they are also where they are as steep as the cell's ``rise`` in their sector.
+    """
+
+    horizon: float
+    row: int
+    steepest: float
+    rises: bool
+
+
+@kernel
+def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64]) -> bool:
+    """Whether neither ground nor an obstacle stands between ``eye`` (3,) and the centre (3,) of a cell."""
+    p, q = (eye[0], eye[1], eye[2]), (centre[0], centre[1], centre[2])
+    return _nothing_between(surface, sight, False, p, q)
+
+
+@kernel
+def surroundings(surface: Surface, sight: Sight, cells: Cells, cell: int, over_nodes: bool) -> AroundCell:
+    """What is known around a cell; ``over_nodes``: whether all places that are asked for are over the nodes of the ground."""
+    if sight.line_of_sight == RAY:
+        rises = over_nodes and cells.rise.shape[0] > 0
+        steepest = surface.steepest if over_nodes else math.inf
+        return AroundCell(cells.horizon[cell], skyline_row(cells.skylines, cell), steepest, rises)
+    if sight.line_of_sight == NO_LINE_OF_SIGHT:
+        return AroundCell(-math.inf, -1, -math.inf, False)
+    return AroundCell(math.inf, -1, math.inf, False)
+
+
+@kernel
+def known_of_sight(
+    around: AroundCell,
+    bounds: NDArray[np.float32],
+    rise: NDArray[np.float32],
+    cell: int,
+    east: float,
+    north: float,
+    up: float,
+) -> int:
+    """What is known of the line of sight to a place so far from a cell, without asking the ground or obstacles.
+
+    Args:
+        around: the cell's.
+        bounds: of the skylines.
+        rise: of the cells.
+        cell: its number.
+        east: from the cell to the place, metres.
+        north: likewise.
+        up: likewise.
+
+    Returns:
+        CLEAR; PAST_OBSTACLES where the ground alone may be in the way; HIDDEN; or UNDECIDED.
+    """
+    over_ground = math.sqrt(east * east + north * north)
+    if not up >= around.horizon * over_ground:
+        past = UNDECIDED if around.row < 0 else beyond_skyline(bounds, around.row, east, north, up)
+        if past != CLEAR:
+            return past
+    # A ray that leaves the cell more steeply than the ground can rise on its way: nothing stands there.
+    if up >= around.steepest * over_ground:
+        return CLEAR
+    if around.rises:
+        sector = sector_of(east, north)
+        if up >= rise[cell, CLEAR_FROM, sector] * over_ground:
+            return CLEAR
+        if over_ground >= rise[cell, HIDDEN_BEYOND_M, sector] and up < rise[cell, HIDDEN_BELOW, sector] * over_ground:
+            return HIDDEN
+    return PAST_OBSTACLES
+
+
+@kernel
+def cell_in_line_of_sight(surface: Surface, sight: Sight, cells: Cells, cell: int, eye: Point) -> bool:
+    """:func:`in_line_of_sight` of a cell, with what is known of its surroundings."""
+    ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
+    around = surroundings(surface, sight, cells, cell, has_node_cell(surface, eye[0], eye[1], eye[2]))
+    known = known_of_sight(around, cells.skylines.bounds, cells.rise, cell, eye[0] - ce, eye[1] - cn, eye[2] - cu)
+    if known in (CLEAR, HIDDEN):
+        return known == CLEAR
+    return _nothing_between(surface, sight, known == PAST_OBSTACLES, eye, (ce, cn, cu))
+
+
+@kernel
+def _nothing_between(surface: Surface, sight: Sight, past_obstacles: bool, eye: Point, centre: Point) -> bool:
+    """:func:`in_line_of_sight` by coordinates; ``past_obstacles``: whether no obstacle is known to be in the way."""
+    (ee, en, eu), (ce, cn, cu) = eye, centre
+    if sight.line_of_sight == RAY:
+        if not past_obstacles and not keeps_clear(surface.obstacles, eye, centre, 0.0, 0.0):
+            return False
+        if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en, eu):
+            return True
+        return stays_above(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)
+    if sight.line_of_sight == MIDPOINT:
+        return bool(height_above(surface, 0.5 * (ee + ce), 0.5 * (en + cn), 0.5 * (eu + cu)) >= 0.0)
+    return True

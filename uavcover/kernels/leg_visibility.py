@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.cells import Cells
+from uavcover.kernels.cells import AroundCell, Cells, cell_in_line_of_sight, known_of_sight, surroundings
 from uavcover.kernels.jit import kernel
-from uavcover.kernels.line_of_sight import AroundCell, cell_in_line_of_sight, known_of_sight, surroundings
 from uavcover.kernels.sight import (
     CONE,
     DISC,

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.cells import Cells
-from uavcover.kernels.coverage import near_another
-from uavcover.kernels.detection import NO_DETECTION, DetectionTable, Looks, no_looks, note_look
+from uavcover.kernels.cells import GRAZING_M, Cells
+from uavcover.kernels.coverage import NO_DETECTION, DetectionTable, Looks, near_another, no_looks, note_look
 from uavcover.kernels.jit import kernel
-from uavcover.kernels.line_of_sight import GRAZING_M
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.sight import (
     CONE,

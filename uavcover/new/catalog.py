@@ -14,7 +14,7 @@ import numpy as np
 from mission_io.data_tables import read_document
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.detection import DetectionTable, detection_table
+from uavcover.kernels.coverage import DetectionTable, detection_table
 from uavcover.model.vehicle import AutopilotName
 from uavcover.new.tuning import SURVEY
 

@@ -13,7 +13,7 @@ import numpy as np
 from uavcover.kernels.annealing import snapshot
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.route_state import RouteState
-from uavcover.kernels.simplification import merge, take_out
+from uavcover.kernels.route_state_cost import merge, take_out
 from uavcover.missions.leg_checks import (
     corner_excess_around_m,
     corner_excess_m,

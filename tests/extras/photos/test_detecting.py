@@ -10,7 +10,7 @@ from tests.extras.photos.test_showing import CAMERA, flight, placed
 from tests.naive import detection as naive
 from tests.planner.sites import HIGH_M, LOW_M, STEP_M, hills, make_site
 from uavcover.extras.photos.showing import Detection, detection_document, detection_doubts, shown_cells
-from uavcover.kernels.detection import detection_table, look_probability
+from uavcover.kernels.coverage import detection_table, look_probability
 from uavcover.new.catalog import DetectionCurve, curve_named
 from uavcover.sensing.pictures import camera_axes
 from uavcover.sensing.site_maps import judging_map

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from uavcover.extras.photos.placing import PlacedPictures
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.detection import Looks
+from uavcover.kernels.coverage import Looks
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_slopes
 from uavcover.new.catalog import DetectionCurve, Independent

@@ -91,7 +91,7 @@ def search_from_closed(
     work: Work, closed: SearchStart, short: SearchStart, goal: float, capacity: int, share: tuple[float, float],
     each: float, judge: RouteJudge, *, finest: bool, from_beginning: bool,
 ) -> tuple[list[SearchStart], float]:  # fmt: skip
-    """Search from a route with closed gaps, and again where that ends short of the goal and its gaps are closed.
+    """Search from a route with closed gaps, and again where that ends short of the goal.
 
     Args:
         work: what is looked at, and how much may be done.
@@ -100,7 +100,7 @@ def search_from_closed(
         goal: share of what can be covered.
         capacity: most waypoints.
         share: of all the work, where the search before had to end, and where the last of these has to.
-        each: share of all the work that each of them has, whatever closing the gaps took.
+        each: share of all the work that each of them has, even if closing the gaps took longer.
         judge: judges what is found, and closes its gaps.
         finest: whether the finest cells are searched.
         from_beginning: whether the gaps of a beginning were closed.
