@@ -18,7 +18,7 @@ from uavcover.extras.mavsdk.client import MavsdkClient
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightTimeouts
 from uavcover.flight.session import Session
-from uavcover.model.outcome import FlightEvent
+from uavcover.model.track import FlightEvent
 from uavcover.model.vehicle import AutopilotName
 
 _FIRST_HEARTBEAT_S = 60.0

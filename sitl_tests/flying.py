@@ -17,8 +17,7 @@ from uavcover.flight.fly import fly
 from uavcover.flight.orders import FlightPlan, FlightTimeouts, OnBreach, Orders, Precautions
 from uavcover.flight.session import first_seq
 from uavcover.missions.mission_compiler import AUTOPILOTS
-from uavcover.model.outcome import FlightEvent, FlightFailedError, FlightOutcome
-from uavcover.model.track import TrackSample
+from uavcover.model.track import FlightEvent, FlightFailedError, FlightOutcome, TrackSample
 from uavcover.terrain.frames import LocalFrame
 
 PASSED_WITHIN_M = 4.0

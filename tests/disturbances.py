@@ -11,7 +11,7 @@ from mission_io.autopilots.autopilot import Mode
 from mission_io.links.simulated import Conditions, ManualClock, Peer, SimulatedLink
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.outcome import Ending
+from uavcover.model.track import Ending
 
 GOOD = frozenset({Ending.LANDED, Ending.RESERVE_KEPT})
 ALWAYS = frozenset({Ending.STATE_UNKNOWN, Ending.ENDED_EARLY})

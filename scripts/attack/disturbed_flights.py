@@ -48,8 +48,8 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import Ending, FlightFailedError
 from uavcover.model.route import Plan
+from uavcover.model.track import Ending, FlightFailedError
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.plan_files import save_plan

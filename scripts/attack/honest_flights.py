@@ -51,7 +51,7 @@ from uavcover.mock.body import GpsError
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.outcome import FlightFailedError
+from uavcover.model.track import FlightFailedError
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 

@@ -15,7 +15,7 @@ from sitl_tests.missions import HEIGHT_M, SPEED_M_S, route_mission
 from sitl_tests.relay import Relay
 from uavcover.flight.orders import FlightPlan, OnBreach, OperatingVolume, PlanNeeds, custom_mode
 from uavcover.kernels.flight_time import Pace
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightOutcome
 
 _AWAY_M = ((0.0, 30.0), (0.0, 500.0), (40.0, 500.0))
 _FAILSAFE_S, _THEN_DARK_S = {"ardupilot": 20.0, "px4": 10.0}, 4.0

@@ -9,7 +9,7 @@ from sitl_tests.flying import fly_mission, require_at_home
 from sitl_tests.missions import fence_around, rally_points, route_mission
 from sitl_tests.relay import Relay
 from uavcover.flight.orders import custom_mode
-from uavcover.model.outcome import Ending, EventKind, FlightEvent
+from uavcover.model.track import Ending, EventKind, FlightEvent
 
 _FENCE_HALF_WIDTH_M = 60.0
 _OUTWARD_M = ((0.0, 30.0), (0.0, 150.0))

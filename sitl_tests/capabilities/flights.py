@@ -26,7 +26,7 @@ from uavcover.flight.arming import request_telemetry, wait_until_ready
 from uavcover.flight.follow import hold
 from uavcover.flight.orders import custom_mode
 from uavcover.flight.session import first_seq, fly_from_item, hold_mode, set_mode
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightOutcome
 
 _ARM_TRIES = 10
 _HOLDS_WITHIN_M = 3.0

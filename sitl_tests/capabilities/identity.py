@@ -17,7 +17,7 @@ from uavcover.errors import VehicleError
 from uavcover.flight import connect as session
 from uavcover.flight.fly import fly
 from uavcover.flight.orders import OnBreach, Orders, Precautions
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFailedError
 from uavcover.scenario.site import load_site
 
 _HEARTBEAT = 0

@@ -13,7 +13,7 @@ from sitl_tests.missions import fence_around, route_mission
 from uavcover.flight.limits import set_parameter
 from uavcover.flight.orders import FlightPlan, OnBreach, OperatingVolume, PlanNeeds
 from uavcover.kernels.flight_time import Pace
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightOutcome
 
 _LOWER_M = 8.0
 _NEAR_HOME_M, _HEIGHT_M = 3.0, 2.5

@@ -21,7 +21,7 @@ from uavcover.extras.mavsdk.session import raw_items
 from uavcover.flight.arming import request_telemetry, wait_until_ready
 from uavcover.flight.orders import custom_mode
 from uavcover.missions.mission_compiler import AUTOPILOTS
-from uavcover.model.outcome import Ending, EventKind, FlightEvent
+from uavcover.model.track import Ending, EventKind, FlightEvent
 
 _ITEMS = 30
 _ANSWER_S = 2.0

@@ -14,7 +14,7 @@ import pytest
 from pymavlink import mavutil
 
 from tests.cli.conftest import WATCHDOG_S, Cli, command, files, limited_to, mock_vehicle, started, wait_for_line
-from uavcover.recording.reader import read_recorded_track
+from uavcover.recording.layout import read_recorded_track
 from uavcover.run.track_file import read_track
 
 

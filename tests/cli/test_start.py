@@ -82,14 +82,14 @@ def test_help_of_a_command_loads_that_command_and_no_numbers() -> None:
 
 
 _WORKFLOWS = (
-    (("uavcover.recording.reader",), {"rerun", "numpy"}),
+    (("uavcover.recording.layout",), {"rerun", "numpy"}),
     (("uavcover.run.folder", "uavcover.verification.command"), {"numba", "rasterio", "pyproj", "shapely"}),
     (("uavcover.extras.exports.export",), {"uavcover.missions.mission_compiler"}),
     (("uavcover.flight.connect",), {"pymavlink", "uavcover.flight.fly"}),
 )
 """Modules that commands begin with, and what shows that they were loaded."""
 _NOT_FOR = {
-    "uavcover.recording.reader": {"numba", "scipy", "rasterio", "pymavlink", "uavcover.scenario.site"},
+    "uavcover.recording.layout": {"numba", "scipy", "rasterio", "pymavlink", "uavcover.scenario.site"},
     "uavcover.verification.command": {
         "scipy.spatial",
         "scipy.ndimage",

@@ -28,8 +28,8 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import FlightOutcome
 from uavcover.model.route import Plan, Route
+from uavcover.model.track import FlightOutcome
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.plan_files import save_plan
@@ -277,7 +277,7 @@ class Field:
         """Upload the plan of a run folder, fly it from the ground, and keep the record there as ``uavcover fly`` does.
 
         Raises:
-            uavcover.model.outcome.FlightFailedError: it did not end as it should.
+            uavcover.model.track.FlightFailedError: it did not end as it should.
         """
         route = read_planned(run)[1].route
 

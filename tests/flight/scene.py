@@ -19,8 +19,7 @@ from uavcover.mock.body import Ground
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.telemetry import OnTruth
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import EventKind, FlightEvent, FlightOutcome
-from uavcover.model.track import TrackSample
+from uavcover.model.track import EventKind, FlightEvent, FlightOutcome, TrackSample
 from uavcover.terrain.frames import LocalFrame
 
 HOME = GeoPoint(36.51234567, -84.21234567, 312.5)

@@ -12,7 +12,7 @@ from mission_io.wire.codec import Codec
 from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
 from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, Precautions
 from uavcover.mock.dynamics import BatteryData
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFailedError
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 HOME_UP_M = float(FRAME.enu_from_geodetic(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)[0][2])

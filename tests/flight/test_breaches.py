@@ -10,7 +10,7 @@ from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
 from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, Phase, Precautions, reaction
 from uavcover.mock.dynamics import BatteryData, WindModel
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFailedError
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 HOME_M = FRAME.enu_from_geodetic(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)[0]

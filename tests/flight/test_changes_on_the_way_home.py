@@ -10,7 +10,7 @@ from tests.flight.scene import HOME, Scene, above_home, presses
 from tests.flight.test_limits import the_plan
 from tests.flight.test_preconditions import BOTH, home_at, scene_of, second_station, square
 from uavcover.flight.orders import OnBreach, Precautions
-from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightOutcome
+from uavcover.model.track import Ending, EventKind, FlightFailedError, FlightOutcome
 
 STOPS_AT_S = 35.0
 Change = Callable[[Scene], None]

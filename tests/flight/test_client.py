@@ -27,7 +27,7 @@ from uavcover.mock.behaviour import FLIGHT
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.state import MockState
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.outcome import Ending, EventKind, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightFailedError
 
 
 @pytest.mark.parametrize(

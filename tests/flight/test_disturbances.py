@@ -9,7 +9,7 @@ from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, Pl
 from uavcover.kernels.flight_time import Pace
 from uavcover.mock.dynamics import BatteryData, WindModel
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFailedError
 from uavcover.model.vehicle import Vehicle
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -14,7 +14,7 @@ from tests.flight.scene import HOME, Scene, above_home, geodetic, make_scene, pl
 from tests.flight.test_faults import ended, faulty_scene
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.flight_control import FlightControl
-from uavcover.model.outcome import Ending
+from uavcover.model.track import Ending
 
 
 def true_height_m(scene: Scene) -> list[float]:

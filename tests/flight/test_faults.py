@@ -8,7 +8,7 @@ from tests.flight.scene import Scene, make_scene, mission
 from uavcover.flight.orders import FlightTimeouts
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightOutcome
+from uavcover.model.track import Ending, EventKind, FlightFailedError, FlightOutcome
 
 TIMEOUTS = FlightTimeouts(override_s=20.0, ready_s=20.0, stuck_s=20.0)
 

@@ -31,7 +31,7 @@ from uavcover.mock.itinerary import Itinerary
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.state import MockState
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.outcome import Ending, EventKind, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightFailedError
 
 
 def ready_scene(*args, **options) -> Scene:

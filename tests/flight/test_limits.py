@@ -26,7 +26,7 @@ from uavcover.flight.session import Session
 from uavcover.kernels.flight_time import Pace
 from uavcover.missions.return_advice import OwnReturns
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFailedError
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 FINE = {

@@ -13,7 +13,7 @@ from tests.flight.scene import Scene, make_scene, mission, presses
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.outcome import Ending, EventKind
+from uavcover.model.track import Ending, EventKind
 
 
 class MeddledPeer(InMemoryPeer):

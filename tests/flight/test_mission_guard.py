@@ -14,7 +14,7 @@ from tests.flight.scene import ROUTE_ENU_M, Scene, make_scene, mission, plan_for
 from uavcover.flight.fly import fly
 from uavcover.flight.orders import OnBreach, Orders, Precautions
 from uavcover.mock.faults import parse_fault
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightOutcome
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFailedError, FlightOutcome
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 LISTS = 3

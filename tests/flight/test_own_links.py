@@ -16,7 +16,7 @@ from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.errors import InputError
 from uavcover.flight.connect import VehiclePlace, given_places, links_of_run, links_of_scenario, require_different
 from uavcover.flight.monitor import open_vehicle
-from uavcover.model.outcome import Ending, EventKind, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightFailedError
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.vehicles import vehicle_scenario

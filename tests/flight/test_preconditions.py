@@ -21,7 +21,7 @@ from tests.flight.test_limits import the_plan
 from uavcover.flight.orders import FlightTimeouts, OnBreach, Precautions
 from uavcover.mock import behaviour
 from uavcover.mock.reactions import handle
-from uavcover.model.outcome import Ending, EventKind, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightFailedError
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 

@@ -18,7 +18,7 @@ from uavcover.mock import reactions
 from uavcover.mock.behaviour import quick
 from uavcover.mock.state import MockState
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.outcome import EventKind
+from uavcover.model.track import EventKind
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 CHECKS = m.PREARM_CHECK_BIT

@@ -17,8 +17,7 @@ from uavcover.flight.orders import FlightTimeouts
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.state import Streams
 from uavcover.mock.telemetry import TruthSample
-from uavcover.model.outcome import Ending, FlightFailedError
-from uavcover.model.track import TrackSample
+from uavcover.model.track import Ending, FlightFailedError, TrackSample
 from uavcover.terrain.frames import LocalFrame
 
 FRAME = LocalFrame(36.5, -84.2, 400.0)

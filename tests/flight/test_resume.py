@@ -42,9 +42,8 @@ from uavcover.mock.faults import parse_fault
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import Ending, FlightEvent, FlightFailedError, FlightOutcome
 from uavcover.model.route import Plan, Route
-from uavcover.model.track import TrackSample
+from uavcover.model.track import Ending, FlightEvent, FlightFailedError, FlightOutcome, TrackSample
 from uavcover.model.vehicle import AutopilotName
 from uavcover.model.verdict import VerificationReport
 from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout

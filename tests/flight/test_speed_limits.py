@@ -5,7 +5,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from tests.flight.scene import make_scene, mission, plan_for
 from uavcover.mock.behaviour import Settings
-from uavcover.model.outcome import EventKind
+from uavcover.model.track import EventKind
 
 
 def warnings(autopilot, settings, **planned):

@@ -10,7 +10,7 @@ from uavcover.errors import InfeasibleError, VehicleError
 from uavcover.flight.orders import Clearance
 from uavcover.mock.behaviour import quick
 from uavcover.mock.flight_control import FlightControl
-from uavcover.model.outcome import Ending, EventKind
+from uavcover.model.track import Ending, EventKind
 
 
 def scene_with_mission(autopilot=ARDUPILOT) -> Scene:

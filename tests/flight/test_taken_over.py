@@ -16,7 +16,7 @@ from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.flight_control import FlightControl
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFailedError
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 

@@ -21,7 +21,7 @@ from uavcover.errors import InputError
 from uavcover.extras.vehicle_files.terrain_heights import write_terrain_files
 from uavcover.flight.connect import heights_of_files, heights_of_site
 from uavcover.mock.behaviour import GroundSource, quick
-from uavcover.model.outcome import Ending, FlightFailedError
+from uavcover.model.track import Ending, FlightFailedError
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
 from uavcover.terrain import elevation_file

@@ -26,7 +26,7 @@ from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.orders import OnBreach, Orders, Precautions
 from uavcover.mock.server import BackgroundMock, InMemoryPeer, MockServer, TcpPort, mock_endpoint, run
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import Ending
+from uavcover.model.track import Ending
 
 SPEED = 40.0
 WATCHDOG_S = 120.0

@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from uavcover.flight.orders import policy
-from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome, Incident
+from uavcover.model.track import Ending, FlightFailedError, FlightOutcome, Incident
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "flight.md"
 

@@ -16,7 +16,7 @@ from rerun.experimental import ViewerClient
 from tests.recording.flights import Flight
 from uavcover.model.track import Track, TrackSample
 from uavcover.recording import RecordingError, VehicleState, describe_recording, layout, read_recorded_track, viewer
-from uavcover.recording.reader import read_recorded_track_with_warnings, whole_messages
+from uavcover.recording.layout import read_recorded_track_with_warnings, whole_messages
 from uavcover.recording.writer import LiveRecording
 from uavcover.sensing.coverage_map import LevelObservations
 from uavcover.verification.verify import verify_track

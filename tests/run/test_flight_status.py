@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from uavcover.model.outcome import Ending, FlightOutcome
+from uavcover.model.track import Ending, FlightOutcome
 from uavcover.run import provenance
 from uavcover.run.folder import RunFolder
 

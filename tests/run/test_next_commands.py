@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from uavcover.flight.command import commands_after_flight
-from uavcover.model.outcome import Ending
+from uavcover.model.track import Ending
 from uavcover.run.folder import RunFolder
 
 TO = ("--to", "URL")

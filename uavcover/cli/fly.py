@@ -100,7 +100,7 @@ def fly(
     from uavcover.flight.command import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
     from uavcover.flight.connect import links_of_run
     from uavcover.flight.orders import FlightTimeouts
-    from uavcover.model.outcome import Ending
+    from uavcover.model.track import Ending
     from uavcover.plugins import load
     from uavcover.run.documents import read_planned
     from uavcover.run.folder import RunFolder

@@ -139,7 +139,7 @@ _CORE: dict[str, dict[str, Entry]] = {
             ),
         ),
         "download": (
-            "uavcover.cli.download",
+            "uavcover.cli.mission_files",
             "download or clear the mission, fence or rally points",
             (
                 "uavcover download --from udp:127.0.0.1:14550 -o mission.waypoints",
@@ -147,7 +147,7 @@ _CORE: dict[str, dict[str, Entry]] = {
             ),
         ),
         "clear": (
-            "uavcover.cli.download",
+            "uavcover.cli.mission_files",
             "",
             ("uavcover clear --to udp:127.0.0.1:14550", "uavcover clear --to udp:127.0.0.1:14550 --type fence"),
         ),

@@ -24,13 +24,13 @@ def inspect(
     import dataclasses
 
     from uavcover.errors import OutputError
-    from uavcover.recording import reader, viewer
+    from uavcover.recording import layout, viewer
     from uavcover.run.folder import RunFolder
 
     console = output.console()
     path = run if run.suffix == ".rrd" else RunFolder(run).existing("flight.rrd", made_by="uavcover fly")
     if text or output.as_json:
-        rows = reader.describe_recording(path)
+        rows = layout.describe_recording(path)
         console.say(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
         for row in rows:
             span = "static" if row.start_s is None else f"{row.samples} rows, {row.start_s:.1f} s to {row.end_s:.1f} s"

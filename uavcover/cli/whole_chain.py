@@ -18,7 +18,7 @@ from uavcover.errors import INTERRUPTED, InputError, VehicleError
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, fly_run
 from uavcover.flight.compiled_flight import upload_run
 from uavcover.flight.connect import VehicleLink, require_home
-from uavcover.model.outcome import Ending
+from uavcover.model.track import Ending
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.report.page import save_report
 from uavcover.run.folder import REPORT_FILE, RunFolder

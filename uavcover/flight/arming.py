@@ -28,7 +28,7 @@ from uavcover.flight.session import (
     set_mode,
 )
 from uavcover.flight.watch import has_position
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.model.track import Ending, EventKind, FlightFaultError
 from uavcover.terrain.frames import LocalFrame
 
 

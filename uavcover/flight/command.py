@@ -17,9 +17,8 @@ from uavcover.flight.flight_log import FlightLog, live_recording
 from uavcover.flight.orders import ALONE, USUAL, Clearance, FlightTimeouts, Orders, Precautions
 from uavcover.flight.resume import Unfinished, find_unfinished, fly_from_the_air, fly_on, save_rest, took_off_s
 from uavcover.missions.mission_compiler import compile_mission
-from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.route import Route
-from uavcover.model.track import TrackSample
+from uavcover.model.track import Ending, FlightFailedError, FlightOutcome, TrackSample
 from uavcover.recording.writer import write_recording
 from uavcover.run import provenance
 from uavcover.run.documents import GAP_FOLDER, TRACK, flown_tracks, read_planned, whole_run

@@ -34,8 +34,8 @@ from uavcover.flight.orders import (
 from uavcover.flight.session import Session
 from uavcover.missions.mission_compiler import CompiledMission, compile_mission, compile_return
 from uavcover.missions.objectives import way_home
-from uavcover.model.outcome import FlightOutcome
 from uavcover.model.route import Route
+from uavcover.model.track import FlightOutcome
 from uavcover.run.folder import SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import note_files
 from uavcover.run.user import User

@@ -26,7 +26,7 @@ from mission_io.model.enums import AutopilotId, EkfFlag, Severity
 from mission_io.model.items import ground_distance_m
 from mission_io.wire import messages as m
 from uavcover.flight.monitor import Monitor
-from uavcover.model.outcome import Ending
+from uavcover.model.track import Ending
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,9 +18,8 @@ from uavcover.flight.connect import Connected
 from uavcover.flight.fly import RECORDS
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import landing_time, leg_times, turn_times
-from uavcover.model.outcome import EventKind, FlightEvent
 from uavcover.model.route import Route
-from uavcover.model.track import TrackSample
+from uavcover.model.track import EventKind, FlightEvent, TrackSample
 from uavcover.recording import flight as recorded
 from uavcover.recording.writer import LiveRecording
 from uavcover.run import provenance

@@ -34,9 +34,16 @@ from uavcover.flight.orders import (
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress, tell_short_battery
 from uavcover.flight.session import Session, Stopped, TakenOverError
-from uavcover.model.active_times import is_flight_time
-from uavcover.model.outcome import Ending, EventKind, FlightFailedError, FlightFaultError, FlightOutcome
-from uavcover.model.track import VELOCITY_COLUMNS, TrackSample
+from uavcover.model.limits import is_flight_time
+from uavcover.model.track import (
+    VELOCITY_COLUMNS,
+    Ending,
+    EventKind,
+    FlightFailedError,
+    FlightFaultError,
+    FlightOutcome,
+    TrackSample,
+)
 from uavcover.terrain.frames import LocalFrame
 
 

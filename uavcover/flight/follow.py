@@ -20,7 +20,7 @@ from uavcover.flight.position_watch import FallWatch, PhotoWatch
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import FlightSchedule, MissionProgress
 from uavcover.flight.session import FOLLOWING, Session, Stopped, Timer, first_seq, fly_from_item, hold_mode, set_mode
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.model.track import Ending, EventKind, FlightFaultError
 
 _CHANGES = (Ending.MISSION_CHANGED, Ending.HOME_MOVED, Ending.SETTINGS_CHANGED, Ending.FENCE_CHANGED)
 _LASTING = (

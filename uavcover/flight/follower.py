@@ -25,7 +25,7 @@ from uavcover.flight.session import (
     hold_mode,
     set_mode,
 )
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.model.track import Ending, EventKind, FlightFaultError
 
 
 class Follower:

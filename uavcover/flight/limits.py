@@ -23,7 +23,7 @@ from uavcover.flight.session import Session
 from uavcover.kernels.flight_time import Pace, mission_time
 from uavcover.missions.failsafes import failsafe_parameter_groups
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.model.track import Ending, EventKind, FlightFaultError
 from uavcover.model.vehicle import MOTIONS
 
 _POINTS_GIMBAL = (Command.DO_MOUNT_CONTROL, Command.DO_GIMBAL_MANAGER_PITCHYAW)

@@ -18,7 +18,7 @@ from mission_io.wire import messages as m
 from uavcover.flight.orders import FlightPlan, OperatingVolume, custom_mode
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Timer
-from uavcover.model.outcome import Ending, FlightFaultError
+from uavcover.model.track import Ending, FlightFaultError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,8 +26,7 @@ from uavcover.flight.ground_contact import GroundAt
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace
 from uavcover.missions.return_advice import OwnReturns
-from uavcover.model.outcome import Ending, FlightEvent
-from uavcover.model.track import TrackSample
+from uavcover.model.track import Ending, FlightEvent, TrackSample
 from uavcover.model.vehicle import MOCK_UID, Vehicle
 from uavcover.terrain.frames import LocalFrame
 

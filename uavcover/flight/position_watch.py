@@ -17,7 +17,7 @@ from uavcover.flight.orders import PREPARATION, FlightPlan
 from uavcover.flight.progress import SCHEDULE, MissionProgress
 from uavcover.flight.session import FOLLOWING, Session, Timer
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.outcome import Ending, FlightFaultError
+from uavcover.model.track import Ending, FlightFaultError
 from uavcover.terrain.frames import LocalFrame
 
 

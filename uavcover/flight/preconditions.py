@@ -21,7 +21,7 @@ from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
 from uavcover.flight.position_watch import HomeWatch, rest_of_legs
 from uavcover.flight.session import Session, Timer
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.model.track import Ending, EventKind, FlightFaultError
 from uavcover.terrain.frames import LocalFrame
 
 _FENCE_BIT = 0x100000

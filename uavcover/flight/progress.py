@@ -16,7 +16,7 @@ from uavcover.flight.session import Session
 from uavcover.flight.watch import RESERVE, BatteryUse
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
-from uavcover.model.outcome import Ending, EventKind
+from uavcover.model.track import Ending, EventKind
 from uavcover.model.vehicle import Vehicle
 
 

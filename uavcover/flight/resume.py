@@ -27,9 +27,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import AUTOPILOTS, compile_continuation, compile_mission
 from uavcover.missions.objectives import judge_member
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError, FlightOutcome
 from uavcover.model.route import Plan, Route
-from uavcover.model.track import Track
+from uavcover.model.track import Ending, EventKind, FlightFaultError, FlightOutcome, Track
 from uavcover.planner.plan_files import save_plan
 from uavcover.run.documents import (
     LINK,

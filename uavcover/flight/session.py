@@ -18,7 +18,7 @@ from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import PREPARATION, FlightTimeouts, OnBreach, custom_mode
 from uavcover.flight.parameter_rules import Limit
 from uavcover.flight.watch import Watch
-from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
+from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFaultError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

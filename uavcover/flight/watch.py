@@ -15,7 +15,7 @@ from mission_io.wire import messages as m
 from uavcover.flight.evidence import WATCH, Cause, Causes
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightTimeouts
-from uavcover.model.outcome import Ending, EventKind, FlightFaultError, Incident
+from uavcover.model.track import Ending, EventKind, FlightFaultError, Incident
 from uavcover.model.vehicle import Vehicle
 
 

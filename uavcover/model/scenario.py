@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from uavcover.kernels.sight import MIDPOINT
-from uavcover.model.active_times import Window, window_of
 from uavcover.model.area import Area, Terrain
-from uavcover.model.limits import FlightLimits, Home, NoFly, Obstacles
+from uavcover.model.limits import FlightLimits, Home, NoFly, Obstacles, Window, window_of
 from uavcover.model.sensor import Sensor
 from uavcover.model.value_checks import (
     STRICT,

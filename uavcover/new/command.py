@@ -11,8 +11,7 @@ from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.missions.objectives import mission_cost
 from uavcover.missions.sorties import compile_sorties
-from uavcover.model.active_times import window_of
-from uavcover.model.limits import NoFly
+from uavcover.model.limits import NoFly, window_of
 from uavcover.model.route import Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.new import quantities

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from datetime import timedelta
 
 from uavcover.errors import InputError
-from uavcover.model.active_times import utc_time, window_of
+from uavcover.model.limits import utc_time, window_of
 
 _USUAL_WINDOW = "2h"
 _NUMBER = re.compile(r"\s*([-+]?\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Z/]*)\s*")

@@ -9,8 +9,7 @@ from mission_io.model.plain_text import counted
 from uavcover.missions.flights import makespan_s
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.sorties import Sortie
-from uavcover.model.active_times import window_in_words
-from uavcover.model.limits import FlightLimits
+from uavcover.model.limits import FlightLimits, window_in_words
 from uavcover.model.route import Plan, RouteMember, RouteMetrics
 from uavcover.model.scenario import Objective
 from uavcover.planner.planner import SearchProgress

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from uavcover.recording.flight import RecordedEvent, VehicleState
-    from uavcover.recording.layout import RecordingError
-    from uavcover.recording.reader import RecordingRow, describe_recording, read_recorded_track
+    from uavcover.recording.layout import RecordingError, RecordingRow, describe_recording, read_recorded_track
     from uavcover.recording.viewer import open_viewer, screenshot
     from uavcover.recording.writer import write_recording
 
@@ -28,8 +27,7 @@ __all__ = [
 
 _PLACES = {
     "uavcover.recording.flight": ("RecordedEvent", "VehicleState"),
-    "uavcover.recording.layout": ("RecordingError",),
-    "uavcover.recording.reader": ("RecordingRow", "describe_recording", "read_recorded_track"),
+    "uavcover.recording.layout": ("RecordingError", "RecordingRow", "describe_recording", "read_recorded_track"),
     "uavcover.recording.viewer": ("open_viewer", "screenshot"),
     "uavcover.recording.writer": ("write_recording",),
 }

@@ -19,8 +19,7 @@ from rerun.experimental import ViewerClient
 
 from uavcover.errors import OutputError
 from uavcover.recording import layout
-from uavcover.recording.layout import VIEWER, RecordingError
-from uavcover.recording.reader import check_finished
+from uavcover.recording.layout import VIEWER, RecordingError, check_finished
 
 LOCAL_HOST = "127.0.0.1"
 PICTURE_SIZE = (1600, 1000)

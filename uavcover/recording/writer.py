@@ -25,13 +25,13 @@ from uavcover.recording.layout import (
     RecordingError,
     any_value_columns,
     any_values,
+    check_finished,
     log_static,
     open_stream,
     strict_mode,
     time_column,
     ui_points,
 )
-from uavcover.recording.reader import check_finished
 from uavcover.recording.scene import begin_recording
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations

@@ -23,7 +23,7 @@ from typing import Any, Final
 
 from uavcover.errors import InputError, OutputError
 from uavcover.model.limits import Obstacles
-from uavcover.model.outcome import FlightOutcome
+from uavcover.model.track import FlightOutcome
 from uavcover.run.folder import FLIGHT_FILES, SCHEMA_VERSION, RunFolder
 
 RUN_FILE = "run.json"

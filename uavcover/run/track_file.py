@@ -23,7 +23,7 @@ from mission_io.formats.csv_tables import sniff
 from mission_io.formats.text import clean_text
 from uavcover.errors import OutputError, TrackError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.active_times import is_flight_time
+from uavcover.model.limits import is_flight_time
 from uavcover.model.track import (
     COLUMNS,
     MAY_BE_EMPTY,

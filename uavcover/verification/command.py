@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.active_times import window_in_words
-from uavcover.model.limits import FlightLimits
+from uavcover.model.limits import FlightLimits, window_in_words
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport, noted, unproved
 from uavcover.run import provenance

@@ -15,7 +15,7 @@ import numpy as np
 
 from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.active_times import window_of
+from uavcover.model.limits import window_of
 from uavcover.model.scenario import Scenario
 from uavcover.model.verdict import (
     LIMIT_OF,

@@ -11,7 +11,7 @@ import numpy as np
 from mission_io.data_tables import read_document
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.active_times import flown_window, window_in_words
+from uavcover.model.limits import flown_window, window_in_words
 from uavcover.model.track import ReadTrack, Track
 from uavcover.run import provenance
 from uavcover.run.documents import TRACK, plans_of, read_plan_document
@@ -215,7 +215,7 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
         return replace(read, warnings=(*read.warnings, *_of_its_standing(path)))
     if ending == ".rrd":
         # Importing rerun takes a second that other logs need not wait for.
-        from uavcover.recording.reader import read_recorded_track_with_warnings
+        from uavcover.recording.layout import read_recorded_track_with_warnings
 
         return read_recorded_track_with_warnings(path)
     if ending not in READERS:

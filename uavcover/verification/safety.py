@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.route import distances_to_polyline
-from uavcover.model.active_times import flown_window
+from uavcover.model.limits import flown_window
 from uavcover.model.track import Track
 from uavcover.model.vehicle import Vehicle
 from uavcover.model.verdict import Violation, ViolationKind

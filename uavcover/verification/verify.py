@@ -9,8 +9,8 @@ import shapely
 from mission_io.model.plain_text import counted
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
-from uavcover.model.active_times import Window, flown_window, window_in_words
 from uavcover.model.area import svg_map
+from uavcover.model.limits import Window, flown_window, window_in_words
 from uavcover.model.track import Track
 from uavcover.model.verdict import Judgement, PhotoSource, PictureStatistics, VerificationReport, noted, unproved
 from uavcover.scenario.site import Site

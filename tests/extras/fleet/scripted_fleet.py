@@ -19,8 +19,8 @@ from uavcover.extras.fleet.jobs import Job, OnLoss
 from uavcover.extras.fleet.sortie import FleetClock, FlownSortie
 from uavcover.flight.command import FlightOptions
 from uavcover.flight.connect import Connected, VehicleLink
-from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.route import Route
+from uavcover.model.track import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.vehicle import Fleet, Vehicle
 from uavcover.run.folder import RunFolder
 

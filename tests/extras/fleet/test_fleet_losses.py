@@ -10,8 +10,8 @@ from tests.extras.fleet.scripted_fleet import ENDURANCE_S, FLEET, Ends, fly_scri
 from tests.extras.fleet.test_fleet_traffic import out_and_back
 from uavcover.errors import InfeasibleError
 from uavcover.extras.fleet.jobs import Job, OnLoss, require_gain
-from uavcover.model.outcome import Ending
 from uavcover.model.route import Route
+from uavcover.model.track import Ending
 
 FELL = Ends(Ending.CRASHED, 0.5)
 GONE = Ends(Ending.LINK_LOST, 0.5, down=False)

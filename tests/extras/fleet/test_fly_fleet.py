@@ -31,7 +31,7 @@ from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import Fleet
 from uavcover.planner.plan_files import fleet_document, save_plan
 from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.recording.reader import describe_recording
+from uavcover.recording.layout import describe_recording
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.scenario.scenario_file import load_scenario

@@ -34,7 +34,7 @@ from uavcover.flight.orders import FlightTimeouts, OnBreach, Orders, Precautions
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import BackgroundMock
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.outcome import Ending
+from uavcover.model.track import Ending
 
 client_module = pytest.importorskip("uavcover.extras.mavsdk.client", reason="MAVSDK is not installed")
 pytestmark = pytest.mark.timeout(120)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tests.naive.active_times import in_force_in
-from uavcover.model.active_times import DAYS, active_period, flown_window, is_flight_time, window_in_words
-from uavcover.model.limits import NoFly
+from uavcover.model.limits import DAYS, NoFly, active_period, flown_window, is_flight_time, window_in_words
 from uavcover.scenario.airspace.zone_file import read_zones
 
 MONDAY = datetime(2026, 6, 1, tzinfo=UTC)

@@ -13,8 +13,8 @@ from typing import Any
 from mission_io.errors import FormatError
 from mission_io.formats.text import Node, parse_json
 from mission_io.model.plain_text import counted
-from uavcover.model.active_times import DAYS
 from uavcover.model.area import Ring, Rings
+from uavcover.model.limits import DAYS
 from uavcover.scenario.airspace.zone_file import METRES, ReadZone, ReadZones, ZoneReader, height_key, shown
 
 # Times of zones in ED-269 (``applicability``) and ED-318 (``limitedApplicability``), as the periods of a scenario.

@@ -33,8 +33,7 @@ from uavcover.extras.check.world import (
     radius_of_bank_m,
 )
 from uavcover.missions.failsafes import failsafe_settings
-from uavcover.model.active_times import window_of
-from uavcover.model.limits import NoFly, Obstacle
+from uavcover.model.limits import NoFly, Obstacle, window_of
 from uavcover.model.vehicle import AutopilotName, autopilot_name
 from uavcover.model.verdict import VerdictName
 from uavcover.new.catalog import VehicleType, vehicle_named

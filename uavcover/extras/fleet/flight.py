@@ -35,8 +35,7 @@ from uavcover.flight.compiled_flight import UPLOAD_FILE, fly, upload, upload_doc
 from uavcover.flight.connect import Connected, VehicleLink
 from uavcover.flight.orders import Clearance
 from uavcover.missions.mission_compiler import CompiledMission, compile_mission
-from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
-from uavcover.model.track import TrackSample
+from uavcover.model.track import Ending, FlightFailedError, FlightOutcome, TrackSample
 from uavcover.run.documents import TRACK
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.provenance import note_files

@@ -27,8 +27,8 @@ from uavcover.flight.watch import RESERVE, BatteryUse
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission
 from uavcover.missions.objectives import way_home
-from uavcover.model.outcome import Ending, FlightOutcome
 from uavcover.model.route import Route
+from uavcover.model.track import Ending, FlightOutcome
 from uavcover.scenario.site import Site
 
 

@@ -16,7 +16,7 @@ from mission_io.data_tables import data_table
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, TrackError
 from uavcover.kernels.arrays import FloatArray, IntArray
-from uavcover.model.active_times import is_flight_time
+from uavcover.model.limits import is_flight_time
 from uavcover.model.track import VELOCITY_COLUMNS, ReadTrack, Track
 from uavcover.plugins import load, registered
 from uavcover.terrain.frames import LocalFrame
