@@ -19,6 +19,7 @@ from uavcover.model.route import Route
 from uavcover.recording import layout
 from uavcover.recording.layout import SCENE, VIEWS, log_static, ui_points
 from uavcover.scenario.airspace.flyable import zone_lines_m
+from uavcover.scenario.obstacles import rings_m
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.terrain.ground import Ground, relief_grid
@@ -99,7 +100,7 @@ def _log_scene(recording: rr.RecordingStream, coverage: CoverageMap, planned: Ro
         (layout.FENCE, "fence", [site.fence], layout.FENCE_RGB),
     )
     for entity, name, polygons, rgb in outlines:
-        rings = [ring for polygon in polygons for ring in _rings_m(polygon)]
+        rings = [ring for polygon in polygons for ring in rings_m(polygon)]
         draped = [_draped(site, ring, bounds_m, line_lift_m) for ring in rings]
         log_static(recording, entity, rr.LineStrips3D(draped, colors=[rgb], radii=ui_points(1.5)))
         _log_map_lines(recording, site, name, draped, rgb, width=1.5)
@@ -148,7 +149,7 @@ def obstacle_triangles_m(site: Site) -> FloatArray:
     for prism in site.prisms:
         for triangle in shapely.get_parts(shapely.constrained_delaunay_triangles(prism.footprint.polygon)):
             corners.append(_at_height(np.asarray(triangle.exterior.coords)[:3], prism.top_m))
-        for places in _rings_m(prism.footprint.polygon):
+        for places in rings_m(prism.footprint.polygon):
             foot, roof = _at_height(places, 0.0), _at_height(places, prism.top_m)
             foot[:, 2] = site.ground.heights_m(places)
             for k in range(len(places) - 1):
@@ -169,7 +170,7 @@ def _log_obstacles(recording: rr.RecordingStream, site: Site) -> None:
             vertex_colors=np.tile(np.array(rgb, dtype=np.uint8), (len(vertices), 1)),
         ),
     )
-    roofs = [_at_height(ring, prism.top_m) for prism in site.prisms for ring in _rings_m(prism.footprint.polygon)]
+    roofs = [_at_height(ring, prism.top_m) for prism in site.prisms for ring in rings_m(prism.footprint.polygon)]
     _log_map_lines(recording, site, "obstacles", roofs, rgb, width=1.0)
 
 
@@ -180,11 +181,6 @@ def _log_zones(recording: rr.RecordingStream, site: Site, bounds_m: tuple[float,
         return
     log_static(recording, layout.NO_FLY, rr.LineStrips3D(lines, colors=[layout.NO_FLY_RGB], radii=ui_points(1.5)))
     _log_map_lines(recording, site, "no_fly", lines, layout.NO_FLY_RGB, width=2.0)
-
-
-def _rings_m(polygon: shapely.Polygon) -> list[FloatArray]:
-    """(n, 2) positions of the outline and of the holes."""
-    return [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
 
 
 def _at_height(places_m: FloatArray, up_m: float) -> FloatArray:

@@ -13,7 +13,8 @@ from uavcover.errors import OutputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.pareto_file import ParetoRow, trade_off_axis
 from uavcover.report.content import FIGURES, ReportContent
-from uavcover.report.map_data import bounds_m, rings_of
+from uavcover.report.map_data import bounds_m
+from uavcover.scenario.obstacles import rings_m
 from uavcover.terrain.ground import relief_grid
 
 FIGURE_NAMES = ("side-view.png", "top-view.png")
@@ -109,7 +110,7 @@ def _top_view(content: ReportContent) -> Figure:
     if np.isfinite(grid.up_m).any():
         lines = axes.contour(grid.east_m, grid.north_m, grid.up_m, levels=12, colors="black", linewidths=0.4, alpha=0.6)
         axes.clabel(lines, fontsize=6, fmt="%g")
-    for ring in rings_of(content.site.area):
+    for ring in rings_m(content.site.area):
         axes.plot(*ring.T, color="white", linewidth=1.2)
     axes.plot(*np.asarray(content.site.fence.exterior.coords).T[:2], color="white", linewidth=1.0, linestyle="--")
     for zone in content.site.zones:

@@ -20,7 +20,7 @@ from uavcover.report.content import FIGURES, Flight, ReportContent
 from uavcover.report.plots import flight_style
 from uavcover.scenario.airspace.flyable import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
-from uavcover.scenario.obstacles import Prism
+from uavcover.scenario.obstacles import Prism, rings_m
 from uavcover.scenario.site import Site, area_as_drawn
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground, relief_grid
@@ -36,9 +36,9 @@ def map_data(content: ReportContent) -> dict[str, Any]:
         "bounds": rounded(np.array(bounds)),
         "relief": relief_image(site.ground, bounds),
         "geodetic": geodetic_fit(site.frame, bounds),
-        "area": [rounded(ring) for ring in rings_of(site.area)],
-        "drawn": [rounded(ring) for ring in rings_of(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
-        "fence": [rounded(ring) for ring in rings_of(site.fence)],
+        "area": [rounded(ring) for ring in rings_m(site.area)],
+        "drawn": [rounded(ring) for ring in rings_m(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
+        "fence": [rounded(ring) for ring in rings_m(site.fence)],
         "obstacles": [_obstacle(site, prism) for prism in site.prisms],
         "noFly": [
             zone_data(zone) | {"lines": [rounded(line) for line in zone_lines_m(site, zone, bounds)]}
@@ -79,18 +79,9 @@ def relief_image(ground: Ground, bounds_m: Bounds) -> str:
     return data_uri(grid.rgb[::-1], "JPEG", quality=FIGURES.jpeg_quality)
 
 
-def rings_of(polygons: shapely.Polygon | shapely.MultiPolygon) -> list[FloatArray]:
-    """(k, 2) corners of the outlines and holes of some polygons."""
-    return [
-        np.asarray(ring.coords)[:, :2]
-        for polygon in shapely.get_parts(polygons)
-        for ring in (polygon.exterior, *polygon.interiors)
-    ]
-
-
 def _obstacle(site: Site, prism: Prism) -> dict[str, Any]:
     """Outline and courtyards with the up coordinates of the ground and of the flat top."""
-    rings = rings_of(prism.footprint.polygon)
+    rings = rings_m(prism.footprint.polygon)
     return {
         "name": prism.footprint.name,
         "height": round(prism.footprint.height_m, 1),
@@ -104,7 +95,7 @@ def zone_data(zone: Zone) -> dict[str, Any]:
     return {
         "name": zone.name,
         "heights": zone.heights_in_words(),
-        "rings": [rounded(r) for r in rings_of(zone.outline)],
+        "rings": [rounded(r) for r in rings_m(zone.outline)],
     }
 
 

@@ -74,10 +74,18 @@ def stand_on(
     return dataclasses.replace(ground, surface=ground.surface._replace(obstacles=obstacles)), prisms
 
 
+def rings_m(polygons: shapely.Polygon | shapely.MultiPolygon) -> list[FloatArray]:
+    """(k, 2) east and north of the corners of outlines and holes, one array for each ring, each outline before its holes."""
+    return [
+        np.asarray(ring.coords)[:, :2]
+        for polygon in shapely.get_parts(polygons)
+        for ring in (polygon.exterior, *polygon.interiors)
+    ]
+
+
 def _edges_m(polygon: shapely.Polygon) -> FloatArray:
     """(m, 4) east and north of both ends of the edges, courtyards included."""
-    rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
-    return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+    return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in rings_m(polygon)])
 
 
 def _highest_ground_m(ground: Ground, footprint: Footprint) -> float:

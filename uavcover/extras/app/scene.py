@@ -24,9 +24,10 @@ from uavcover.model.route import Route
 from uavcover.planner.pareto_file import ParetoRow
 from uavcover.report.cell_layers import SEEN_RGB, UNSEEN_RGB, cell_layers, cells_bounds_m, classes_image
 from uavcover.report.content import ReportContent, read_run
-from uavcover.report.map_data import gap_data, rings_of, zone_data
+from uavcover.report.map_data import gap_data, zone_data
 from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
+from uavcover.scenario.obstacles import rings_m
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, area_as_drawn, load_site
 from uavcover.sensing.coverage_map import CoverageMap
@@ -172,16 +173,16 @@ def scene_document(scene: Scene) -> dict[str, Any]:
         "name": site.scenario.name,
         "description": site.scenario.description,
         "onEarth": site.frame is not None,
-        "area": shapes(rings_of(site.area)),
-        "drawn": shapes(rings_of(area_as_drawn(site))),
+        "area": shapes(rings_m(site.area)),
+        "drawn": shapes(rings_m(area_as_drawn(site))),
         "areaM2": float(area_as_drawn(site).area),
-        "fence": shapes(rings_of(site.fence)),
+        "fence": shapes(rings_m(site.fence)),
         "zones": [
-            {"name": zone.name, "heights": zone_data(zone)["heights"], "rings": shapes(rings_of(zone.outline))}
+            {"name": zone.name, "heights": zone_data(zone)["heights"], "rings": shapes(rings_m(zone.outline))}
             for zone in site.zones
         ],
         "obstacles": [
-            {"name": p.footprint.name, "heightM": p.footprint.height_m, "rings": shapes(rings_of(p.footprint.polygon))}
+            {"name": p.footprint.name, "heightM": p.footprint.height_m, "rings": shapes(rings_m(p.footprint.polygon))}
             for p in site.prisms
         ],
         "rally": [] if isinstance(site.scenario.planner.rally, str) else [*map(list, site.scenario.planner.rally)],

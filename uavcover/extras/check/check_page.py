@@ -19,10 +19,11 @@ from uavcover.extras.check.world import Limits, LocalFence, World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.verdict import VerdictName, worst
 from uavcover.report.charts import Chart, Plot
-from uavcover.report.map_data import geodetic_fit, relief_image, rings_of, rounded, zone_data
+from uavcover.report.map_data import geodetic_fit, relief_image, rounded, zone_data
 from uavcover.report.page import rendered_page
 from uavcover.run.file_group import write_file
 from uavcover.run.user import User
+from uavcover.scenario.obstacles import rings_m
 
 # Output of ``uavcover check``: text for people, JSON for programs, a map.
 
@@ -260,10 +261,10 @@ def _data(checked: Checked, world: World, outcome: CheckOutcome, legs: list[dict
         "fence": fence,
         "noFly": [] if around is None else [zone_data(zone) for zone in around.zones],
         "obstacles": [] if around is None else [
-            {"name": prism.footprint.name, "rings": [rounded(ring) for ring in rings_of(prism.footprint.polygon)]}
+            {"name": prism.footprint.name, "rings": [rounded(ring) for ring in rings_m(prism.footprint.polygon)]}
             for prism in around.prisms
         ],
-        "unseen": [] if unseen is None or unseen.is_empty else [rounded(ring) for ring in rings_of(unseen)],
+        "unseen": [] if unseen is None or unseen.is_empty else [rounded(ring) for ring in rings_m(unseen)],
         "pictures": [] if outcome.view is None else rounded(outcome.view.pictures.places_m[:, :2]),
         "findings": [_finding(number, one, world) for number, one in enumerate(checked.findings, 1)],
     }  # fmt: skip
@@ -278,8 +279,8 @@ def _finding(number: int, one: CheckFinding, world: World) -> dict[str, Any]:
 
 def _fence(fence: LocalFence) -> list[dict[str, Any]]:
     angles = np.linspace(0.0, 2.0 * np.pi, PAGE.circle_corners, endpoint=False)
-    rings = [(ring, True) for polygon in fence.inside for ring in rings_of(polygon)]
-    rings += [(ring, False) for polygon in fence.outside for ring in rings_of(polygon)]
+    rings = [(ring, True) for polygon in fence.inside for ring in rings_m(polygon)]
+    rings += [(ring, False) for polygon in fence.outside for ring in rings_m(polygon)]
     rings += [
         (np.column_stack([east + radius * np.sin(angles), north + radius * np.cos(angles)]), stays)
         for east, north, radius, stays in fence.circles

@@ -8,6 +8,7 @@ import typer
 
 from mission_io.formats.wpml import IMAGE_FORMATS, DjiAircraft
 from uavcover.cli import options
+from uavcover.cli.options import option
 from uavcover.errors import InputError
 from uavcover.new.catalog import checked_row, number_of, read_catalog, read_row
 
@@ -23,23 +24,20 @@ class ControllerOptions:
 
     drone: Annotated[
         str | None,
-        typer.Option(
-            help="Aircraft for wpml and print: a name, a TOML file, or list to show the names.", metavar="NAME"
-        ),
+        option("Aircraft for wpml and print: a name, a TOML file, or list to show the names.", "NAME"),
     ] = None
     heights: Annotated[
         str,
-        typer.Option(
-            help="Height reference in wpml files: takeoff or ellipsoid (WGS 84, for RTK; requires a geoid grid).",
-            metavar="WHAT",
+        option(
+            "Height reference in wpml files: takeoff or ellipsoid (WGS 84, for RTK; requires a geoid grid).", "WHAT"
         ),
     ] = "takeoff"
     most_points: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--max-waypoints-per-file",
-            help="Split the route into files of at most N waypoints. Default: 200 for wpml, 99 for litchi.",
-            metavar="N",
+            "Split the route into files of at most N waypoints. Default: 200 for wpml, 99 for litchi.",
+            "N",
         ),
     ] = None
 
@@ -54,9 +52,9 @@ class ControllerOptions:
 class PrintOptions:
     """Options of a print-out that only the pilot knows."""
 
-    pilot: Annotated[str, typer.Option(help="Name of the pilot on the printed page.", metavar="TEXT")] = ""
-    contact: Annotated[str, typer.Option(help="Emergency contact on the printed page.", metavar="TEXT")] = ""
-    weather: Annotated[str, typer.Option(help="Weather window on the printed page.", metavar="TEXT")] = ""
+    pilot: Annotated[str, option("Name of the pilot on the printed page.", "TEXT")] = ""
+    contact: Annotated[str, option("Emergency contact on the printed page.", "TEXT")] = ""
+    weather: Annotated[str, option("Weather window on the printed page.", "TEXT")] = ""
 
     @property
     def given(self) -> dict[str, object]:
@@ -69,22 +67,15 @@ def export(
     *,
     file_format: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--format",
-            help=(
-                "Format: waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi "
-                "or print (an HTML page to print)."
-            ),
+            "Format: waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi "
+            "or print (an HTML page to print).",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            help="Output file. If there are several, a number is added before the suffix.",
-            metavar="FILE",
-        ),
+        option("-o", "--out", "Output file. If there are several, a number is added before the suffix.", "FILE"),
     ] = None,
     sortie: options.Sortie = None,
     autopilot: options.Autopilot = None,

@@ -25,10 +25,11 @@ from uavcover.report.cell_layers import (
     ramp_layer,
 )
 from uavcover.report.content import FIGURES
-from uavcover.report.map_data import gap_data, geodetic_fit, relief_image, rings_of, rounded
+from uavcover.report.map_data import gap_data, geodetic_fit, relief_image, rounded
 from uavcover.report.page import map_script, rendered_page
 from uavcover.run.folder import write_text
 from uavcover.run.user import User, percent
+from uavcover.scenario.obstacles import rings_m
 from uavcover.scenario.site import area_as_drawn
 from uavcover.sensing.pictures import PictureCounts, overlap_rule
 from uavcover.verification.gaps import gaps_geojson
@@ -212,8 +213,8 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
         "bounds": rounded(np.array(bounds)),
         "relief": relief_image(site.ground, bounds),
         "geodetic": geodetic_fit(site.frame, bounds),
-        "area": [rounded(ring) for ring in rings_of(site.area)],
-        "drawn": [rounded(ring) for ring in rings_of(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
+        "area": [rounded(ring) for ring in rings_m(site.area)],
+        "drawn": [rounded(ring) for ring in rings_m(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
         "fence": [], "obstacles": [], "noFly": [], "home": None, "plan": [], "planHeights": [], "sorties": [], "tracks": [],
         "violations": [], "unsafeReturns": [], "background": None,
         "cellBounds": rounded(np.array(cells_bounds_m(verdict.coverage))),

@@ -8,9 +8,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 PLUGIN = Path(__file__).parent / "plugin"
 _DATE = (2026, 1, 1, 0, 0, 0)
@@ -18,7 +17,7 @@ _DATE = (2026, 1, 1, 0, 0, 0)
 
 
 def qgis_plugin(
-    out: Annotated[Path, typer.Option("-o", "--out", help="Zip file to write.", metavar="FILE")],
+    out: Annotated[Path, option("-o", "--out", "Zip file to write.", "FILE")],
     *,
     force: options.Force = False,
     output: options.Output,

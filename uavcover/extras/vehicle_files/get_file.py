@@ -7,6 +7,7 @@ import typer
 
 from mission_io.model.plain_text import counted
 from uavcover.cli import options
+from uavcover.cli.options import option
 
 if TYPE_CHECKING:
     from mission_io.model.items import MissionType
@@ -19,10 +20,8 @@ def send_file(
     files: Annotated[list[Path], typer.Argument(help="Files to send, such as the .DAT files of uavcover terrain.")],
     to: options.To,
     *,
-    folder: Annotated[str, typer.Option(help="Existing folder on the vehicle.", metavar="PATH")] = "/APM/TERRAIN",
-    window: Annotated[
-        int, typer.Option(help="Number of requests in parallel. ArduPilot queues 5.", metavar="N", min=1, max=1000)
-    ] = 5,
+    folder: Annotated[str, option("Existing folder on the vehicle.", "PATH")] = "/APM/TERRAIN",
+    window: Annotated[int, option("Number of requests in parallel. ArduPilot queues 5.", "N", min=1, max=1000)] = 5,
     vehicle: options.VehicleOptions,
     output: options.Output,
 ) -> int:
@@ -64,11 +63,9 @@ def get_file(
     *,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="Output file; default: the same name in the current folder.", metavar="FILE"),
+        option("-o", "--out", "Output file; default: the same name in the current folder.", "FILE"),
     ] = None,
-    window: Annotated[
-        int, typer.Option(help="Number of reads in parallel. ArduPilot queues 5.", metavar="N", min=1, max=1000)
-    ] = 5,
+    window: Annotated[int, option("Number of reads in parallel. ArduPilot queues 5.", "N", min=1, max=1000)] = 5,
     vehicle: options.VehicleOptions,
     force: options.Force = False,
     output: options.Output,

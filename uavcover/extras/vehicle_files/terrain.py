@@ -8,6 +8,7 @@ import typer
 
 from mission_io.model.plain_text import counted
 from uavcover.cli import options
+from uavcover.cli.options import option
 from uavcover.cli.survey_options import DemOptions
 
 # ``uavcover terrain-server``: terrain heights for a vehicle that requests them.
@@ -48,17 +49,15 @@ def terrain_server(
 class AreaOptions:
     """Options for reading the area's file, and for the ground around it."""
 
-    around: Annotated[str, typer.Option(help="Distance around the area to include.", metavar="LENGTH")] = "1km"
-    layer: Annotated[str | None, typer.Option(help="Layer or folder in the area file.")] = None
-    feature: Annotated[str | None, typer.Option(help="Name or number (from 1) of a feature in the area file.")] = None
+    around: Annotated[str, option("Distance around the area to include.", "LENGTH")] = "1km"
+    layer: Annotated[str | None, option("Layer or folder in the area file.")] = None
+    feature: Annotated[str | None, option("Name or number (from 1) of a feature in the area file.")] = None
     crs: Annotated[
         str | None,
-        typer.Option(help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"),
+        option("Coordinate system of the area file, if the file does not state it.", "EPSG:N"),
     ] = None
-    make_valid: Annotated[bool, typer.Option("--make-valid", help="Repair outlines that cross themselves.")] = False
-    swap_axes: Annotated[
-        bool, typer.Option("--swap-axes", help="Read coordinates in the area file as latitude first.")
-    ] = False
+    make_valid: Annotated[bool, option("--make-valid", "Repair outlines that cross themselves.")] = False
+    swap_axes: Annotated[bool, option("--swap-axes", "Read coordinates in the area file as latitude first.")] = False
 
 
 def terrain(
@@ -66,10 +65,8 @@ def terrain(
     *,
     dem: DemOptions,
     where: AreaOptions,
-    dat: Annotated[
-        Path | None, typer.Option(help="Write ArduPilot terrain files to this folder.", metavar="FOLDER")
-    ] = None,
-    spacing: Annotated[int, typer.Option(help="The vehicle's TERRAIN_SPACING, for --dat.", metavar="METRES")] = 100,
+    dat: Annotated[Path | None, option("Write ArduPilot terrain files to this folder.", "FOLDER")] = None,
+    spacing: Annotated[int, option("The vehicle's TERRAIN_SPACING, for --dat.", "METRES")] = 100,
     force: options.Force = False,
     output: options.Output,
 ) -> int:

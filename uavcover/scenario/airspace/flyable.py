@@ -17,6 +17,7 @@ import shapely
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.surface import GRID, Surface
 from uavcover.scenario.airspace.zones import Polygons, Zone
+from uavcover.scenario.obstacles import rings_m
 from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import Bounds, nodes_between, places_of_nodes_m
 from uavcover.terrain.ground import Ground
@@ -38,7 +39,7 @@ def zone_lines_m(site: Site, zone: Zone, bounds_m: tuple[float, float, float, fl
     shown = zone.outline.intersection(shapely.box(west, south, east, north))
     entry, lines = zone.entry, []
     for part in shapely.get_parts(shown):
-        for ring in _rings_m(part) if isinstance(part, shapely.Polygon) else ():
+        for ring in rings_m(part) if isinstance(part, shapely.Polygon) else ():
             places = np.asarray(
                 # lines follow the ground in pieces: this number along the longer side of the display
                 shapely.LineString(ring).segmentize(max(east - west, north - south) / 60).coords
@@ -66,11 +67,6 @@ def _zone_end_m(
     if amsl_m is not None:
         ends.append(np.full(len(ground_m), amsl_m - site.alt_amsl_offset_m))
     return np.asarray(of_two.reduce(np.array(ends or [ground_m + default_agl_m])))
-
-
-def _rings_m(polygon: shapely.Polygon) -> list[FloatArray]:
-    """(n, 2) positions of the outline and of the holes."""
-    return [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
 
 
 # Find ground steps that no leg can pass: between two nodes they are higher than the height band is wide.
