@@ -16,7 +16,6 @@ from mission_io.formats.text import (
     Node,
     check_place,
     clean_text,
-    degrees_text,
     finite_number,
     is_place,
     parse_json,
@@ -275,8 +274,6 @@ def _check_reference_system(node: Node) -> None:
 # A ``.poly`` file is an area. A ``.fen`` file is a fence of the old kind: the return point first, then one inclusion polygon.
 # Both begin with a comment and repeat the first corner at the end. MAVProxy's old rally points are a word and six numbers.
 
-_HEADER = "#saved by mission_io"
-
 
 def read_area_list(text: str) -> Drawing:
     """Read a ``.poly`` file, which has one area.
@@ -304,43 +301,6 @@ def read_fence_list(text: str) -> MissionFile:
     ring = open_ring(places[1:], "the fence", repairs)
     return_point = FramedPoint(places[0].lat_deg, places[0].lon_deg, 0.0, Frame.ABOVE_HOME)
     return MissionFile(fence=Fence((FencePolygon(ring),), (), return_point), repairs=tuple(repairs))
-
-
-def write_area_list(area: DrawnArea) -> str:
-    """Write an area as a ``.poly`` file.
-
-    Raises:
-        FormatError: an area with holes, which the format cannot hold, or an invalid corner.
-    """
-    if area.holes:
-        raise FormatError(f".poly does not support holes ({len(area.holes)})", where="area", advice="use KML")
-    return _list_text([*area.exterior, *area.exterior[:1]])
-
-
-def write_fence_list(fence: Fence) -> str:
-    """Write a fence as a ``.fen`` file.
-
-    Raises:
-        FormatError: anything but a return point and one inclusion polygon, a height of the return point, or an invalid
-            corner.
-    """
-    whole = len(fence.polygons) == 1 and fence.polygons[0].inclusion and not fence.circles
-    if not whole or fence.return_point is None:
-        what = "the format requires one inclusion polygon and one return point"
-        raise FormatError(what, where="fence", advice="write it as .waypoints")
-    point, ring = fence.return_point, fence.polygons[0].vertices
-    if point.alt_m != 0.0:
-        what = f"the height is {point.alt_m:g} m, but this format has no heights"
-        raise FormatError(what, where="return point", advice="set the height to 0, or write the fence as .waypoints")
-    return _list_text([LatLon(point.lat_deg, point.lon_deg), *ring, *ring[:1]])
-
-
-def _list_text(places: list[LatLon]) -> str:
-    lines = [_HEADER]
-    for number, place in enumerate(places):
-        where = f"position {number}"
-        lines.append(f"{degrees_text(place.lat_deg, where)} {degrees_text(place.lon_deg, where)}")
-    return "\n".join(lines) + "\n"
 
 
 def _contents(text: str) -> Iterator[tuple[str, str]]:

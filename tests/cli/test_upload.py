@@ -12,7 +12,6 @@ import pytest
 from mission_io.autopilots.autopilot import PX4
 from mission_io.formats import plan, wpl
 from mission_io.formats.csv_tables import write_csv
-from mission_io.formats.drawings import write_fence_list
 from mission_io.links.udp import UdpLink
 from mission_io.model.items import (
     Fence,
@@ -27,6 +26,7 @@ from mission_io.model.items import (
 )
 from tests.cli.conftest import WATCHDOG_S, Cli, command, mock_vehicle, started
 from tests.cli.relay import Relay
+from tests.mission_io.formats.samples import fen_text
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
 from uavcover.cli.mission_files import read_contents
@@ -97,12 +97,7 @@ FENCE = Fence((FencePolygon((LatLon(46.4, -7.4), LatLon(46.6, -7.4), LatLon(46.6
         ("route.csv", write_csv(ROUTE), "mission", 4),
         ("route.plan", plan.write(plan.PlanFile(ROUTE, Fence(), RallyPoints(), mav_autopilot=3)), "mission", 4),
         ("route.txt", wpl.write_mission(ROUTE), "mission", 4),
-        (
-            "field.fen",
-            write_fence_list(replace(FENCE, return_point=FramedPoint(46.5, -7.3, 0.0, Frame.ABOVE_HOME))),
-            "fence",
-            4,
-        ),
+        ("field.fen", fen_text(replace(FENCE, return_point=FramedPoint(46.5, -7.3, 0.0))), "fence", 4),
     ],
 )
 def test_every_format_that_holds_items(cli: Cli, tmp_path: Path, name: str, text: str, kind: str, count: int) -> None:

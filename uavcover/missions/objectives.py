@@ -272,15 +272,12 @@ def _time_s(pace: Pace, points_m: FloatArray, *, legs: int) -> float:
     return float((times[:legs] if legs > 0 else times[legs:]).sum() + turn_times(pace, line_m).sum())
 
 
-OBJECTIVES = ("minus_coverage", "waypoint_count", "cost")
-"""Names of the objectives, all minimised: -f1, f2, f3 of Eq. 8; the cost is what ``planner.objective`` says."""
-
-
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """Objectives and violations of many routes."""
 
-    objectives: FloatArray  # (n, 3) in the order of OBJECTIVES
+    # (n, 3), all minimised: -f1 (coverage), f2 (waypoints), f3 of Eq. 8; the cost is what ``planner.objective`` says
+    objectives: FloatArray
     violations: FloatArray  # (n, 1) total violation, 0 when the hard limits hold
 
 

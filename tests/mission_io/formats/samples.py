@@ -49,6 +49,14 @@ FENCE = Fence(
 )
 RALLY = RallyPoints((FramedPoint(33.2, -98.13, 50.0), FramedPoint(33.23, -98.14, 55.5)))
 
+
+def fen_text(fence: Fence) -> str:
+    """A ``.fen`` file: the return point, then the closed ring of the first polygon."""
+    assert fence.return_point is not None
+    ring = fence.polygons[0].vertices
+    return "".join(f"{place.lat_deg:.8f} {place.lon_deg:.8f}\n" for place in (fence.return_point, *ring, ring[0]))
+
+
 FLOATS = st.floats(-1e30, 1e30)
 LATITUDES = st.integers(-9000000000, 9000000000).map(lambda n: n / 1e8)
 LONGITUDES = st.integers(-18000000000, 18000000000).map(lambda n: n / 1e8)

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_io.formats import plan, wpl
-from mission_io.formats.drawings import DrawnArea, read_area_list, read_fence_list, write_area_list, write_fence_list
 from mission_io.model.items import (
     Fence,
     FenceCircle,
@@ -56,11 +55,3 @@ def test_a_plan_holds_every_bit_of_heights_above_home(fence: Fence, rally: Rally
     rally = RallyPoints(tuple(replace(point, frame=Frame.ABOVE_HOME) for point in rally.points))
     whole = plan.PlanFile(MISSION, fence, rally, mav_autopilot=12)
     assert plan.read(plan.write(whole)) == whole
-
-
-@settings(derandomize=True, max_examples=100)
-@given(_RINGS, _PLACES)
-def test_poly_and_fen_hold_every_corner(ring: tuple[LatLon, ...], point: LatLon) -> None:
-    assert read_area_list(write_area_list(DrawnArea(ring))).areas[0] == DrawnArea(ring)
-    fence = Fence((FencePolygon(ring),), (), FramedPoint(point.lat_deg, point.lon_deg, 0.0))
-    assert read_fence_list(write_fence_list(fence)).fence == fence

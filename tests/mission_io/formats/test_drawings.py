@@ -23,13 +23,10 @@ from mission_io.formats.drawings import (
     read_area_list,
     read_fence_list,
     read_geojson,
-    write_area_list,
-    write_fence_list,
     write_geojson,
 )
 from mission_io.formats.map_xml import read_kml_drawing, write_kml
-from mission_io.formats.text import MissionFile
-from mission_io.model.items import Fence, FenceCircle, FencePolygon, Frame, FramedPoint, LatLon, Mission, waypoint
+from mission_io.model.items import Frame, LatLon, Mission, waypoint
 from tests.mission_io.formats.samples import HOME, MISSION, NAN_YAW
 
 RING = (LatLon(33.1, -98.2), LatLon(33.3, -98.25), LatLon(33.35, -98.05), LatLon(33.12, -98.04))
@@ -216,17 +213,6 @@ def test_a_name_that_xml_cannot_hold_is_refused() -> None:
         write_kml(MISSION, name="a\x07")
 
 
-FENCE = Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 0.0))
-
-
-def test_poly_and_fen_files_survive_a_round_trip() -> None:
-    assert read_area_list(write_area_list(DrawnArea(RING))) == Drawing((DrawnArea(RING),))
-    assert read_fence_list(write_fence_list(FENCE)) == MissionFile(fence=FENCE)
-    lines = write_area_list(DrawnArea(RING)).splitlines()
-    assert lines[0].startswith("#")
-    assert lines[1] == lines[-1] == "33.10000000 -98.20000000"
-
-
 def test_poly_files_of_mission_planner_are_read() -> None:
     theirs = "\ufeff#saved by Mission Planner 1.3.80\r\n33.1 -98.2\r\n33.3, -98.25\r\n33.35\t-98.05\r\n33.12 -98.04\r\n"
     read = read_area_list(theirs)
@@ -235,27 +221,6 @@ def test_poly_files_of_mission_planner_are_read() -> None:
         "removed a byte order mark", "changed the line ends to LF", "line 3: changed the separators to spaces",
         "the area: the ring was not closed",
     )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "fence",
-    [
-        Fence(),
-        Fence((FencePolygon(RING),)),
-        Fence((FencePolygon(RING, inclusion=False),), (), FENCE.return_point),
-        Fence((FencePolygon(RING),) * 2, (), FENCE.return_point),
-        Fence((FencePolygon(RING),), (FenceCircle(RING[0], 5.0),), FENCE.return_point),
-        Fence((FencePolygon(RING),), (), FramedPoint(33.21, -98.12, 5.0)),
-    ],
-)
-def test_what_a_fen_file_cannot_hold_is_refused(fence: Fence) -> None:
-    with pytest.raises(FormatError, match="format"):
-        write_fence_list(fence)
-
-
-def test_what_a_poly_file_cannot_hold_is_refused() -> None:
-    with pytest.raises(FormatError, match=r"area: \.poly does not support holes"):
-        write_area_list(AREA)
 
 
 KML = "{http://www.opengis.net/kml/2.2}"

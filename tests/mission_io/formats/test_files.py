@@ -18,8 +18,8 @@ from mission_io import (
     write_mission,
 )
 from mission_io.formats import wpl
-from mission_io.formats.drawings import write_fence_list
 from mission_io.model.items import Frame, FramedPoint
+from tests.mission_io.formats.samples import fen_text
 from tests.mission_io.test_client import FENCE, HOME, MISSION
 
 RALLY = RallyPoints((FramedPoint(46.51, -7.26, 40.0, Frame.ABOVE_HOME),))
@@ -78,7 +78,7 @@ def test_an_error_leaves_the_older_file(tmp_path: Path, name: str) -> None:
 
 def test_what_cannot_be_done_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     fen = tmp_path / "a.fen"
-    fen.write_text(write_fence_list(replace(FENCE, circles=(), return_point=FramedPoint(46.5, -7.3, 0.0))))
+    fen.write_text(fen_text(replace(FENCE, circles=(), return_point=FramedPoint(46.5, -7.3, 0.0))))
     for act, telling in (
         (lambda: read_mission(tmp_path / "none.plan"), r"none\.plan: cannot read the file \(No such file"),
         (lambda: read_mission(tmp_path), ": cannot read the file"),

@@ -13,11 +13,11 @@ from pymavlink.dialects.v20 import ardupilotmega
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.autopilots.mission_lists import home_item
 from mission_io.formats import plan, wpl
-from mission_io.formats.drawings import DrawnArea, read_fence_list, write_area_list, write_fence_list
+from mission_io.formats.drawings import read_fence_list
 from mission_io.links.udp import UdpLink
 from mission_io.model.items import Fence, Frame, FramedPoint, GeoPoint, MissionItem, items_from_fence, items_from_rally
 from mission_io.wire.messages import float32
-from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
+from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY, fen_text
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
 
@@ -74,9 +74,9 @@ def test_what_pymavlink_writes_is_read_to_its_six_decimals(tmp_path: Path) -> No
 ONE_POLYGON = Fence(FENCE.polygons[:1], (), FramedPoint(33.21, -98.12, 0.0))
 
 
-def test_pymavlinks_old_fence_loader_reads_our_fen(tmp_path: Path) -> None:
+def test_a_fen_of_pymavlinks_old_fence_loader_is_read(tmp_path: Path) -> None:
     path = tmp_path / "one.fen"
-    path.write_text(write_fence_list(ONE_POLYGON), newline="")
+    path.write_text(fen_text(ONE_POLYGON), newline="")
     loader = mavwp.MAVFenceLoader()
     assert loader.load(str(path)) == 5
     assert (loader.point(0).lat, loader.point(0).lng) == (33.21, -98.12)
@@ -87,15 +87,6 @@ def test_pymavlinks_old_fence_loader_reads_our_fen(tmp_path: Path) -> None:
 
 
 MAVPROXY_IS_HERE = "MAVProxy is not installed; pip install --no-deps MAVProxy (its own needs include vtk and OpenCV)"
-
-
-def test_mavproxy_reads_our_poly(tmp_path: Path) -> None:
-    mp_util = pytest.importorskip("MAVProxy.modules.lib.mp_util", reason=MAVPROXY_IS_HERE)
-    path = tmp_path / "area.poly"
-    ring = FENCE.polygons[1].vertices
-    path.write_text(write_area_list(DrawnArea(ring)), newline="")
-    corners = [(vertex.lat_deg, vertex.lon_deg) for vertex in ring]
-    assert mp_util.polygon_load(str(path)) == [*corners, corners[0]]
 
 
 @pytest.mark.usefixtures("mavlink_2")

@@ -8,7 +8,7 @@ import pytest
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan, wpl
-from mission_io.formats.drawings import read_rally_list, write_fence_list
+from mission_io.formats.drawings import read_rally_list
 from mission_io.formats.files import mission_text, read_file, read_mission
 from mission_io.formats.plan import read_old_json as read
 from mission_io.model.items import (
@@ -23,7 +23,7 @@ from mission_io.model.items import (
     MissionType,
     RallyPoints,
 )
-from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY
+from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY, fen_text
 
 PLAN = plan.write(plan.PlanFile(MISSION, Fence(), RallyPoints(), 3))
 RING = FENCE.polygons[0].vertices
@@ -168,7 +168,7 @@ def test_a_file_is_read_as_what_it_is(name: str, text: str, surprise: tuple[str,
 
 @pytest.mark.parametrize("name", ["fence.txt", "fence", "fence.waypoints"])
 def test_a_list_of_places_is_a_fence(name: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text(write_fence_list(OLD_FENCE))
+    (tmp_path / name).write_text(fen_text(OLD_FENCE))
     file = read_file(tmp_path / name)
     assert file.fence == OLD_FENCE
     assert "read as an old fence file: the first position is the return point" in file.repairs
@@ -177,7 +177,7 @@ def test_a_list_of_places_is_a_fence(name: str, tmp_path: Path) -> None:
 
 
 def test_a_fence_file_named_fen_needs_no_word(tmp_path: Path) -> None:
-    (tmp_path / "a.fen").write_text(write_fence_list(OLD_FENCE))
+    (tmp_path / "a.fen").write_text(fen_text(OLD_FENCE))
     assert (read_file(tmp_path / "a.fen").fence, read_file(tmp_path / "a.fen").repairs) == (OLD_FENCE, ())
 
 
