@@ -67,7 +67,7 @@ TESTS: dict[str, list[str]] = {
         "tests/flight/test_readiness.py", "tests/flight/test_fly.py",
     ],
     "uavcover/run/track_file.py": [
-        "tests/run/test_track_file.py", "tests/flight/test_reserve.py", "tests/verification/test_fast_logs.py",
+        "tests/run/test_track_file.py", "tests/flight/test_progress.py", "tests/verification/test_fast_logs.py",
     ],
     "mission_io/autopilots/comparison.py": [
         "tests/mission_io/test_compare.py", "tests/mission_io/test_autopilots.py", "tests/mission_io/test_mavlink_facts.py",

@@ -25,6 +25,7 @@ from uavcover.flight.parameter_rules import Weight
 from uavcover.flight.session import Session
 from uavcover.kernels.flight_time import Pace
 from uavcover.missions.return_advice import OwnReturns
+from uavcover.mock.behaviour import Settings
 from uavcover.mock.faults import parse_fault
 from uavcover.model.track import Ending, EventKind, FlightEvent, FlightFailedError
 
@@ -363,3 +364,27 @@ def own_lat_lon(own: OwnReturns, east_m: float, north_m: float) -> tuple[float, 
     assert own.site.frame is not None
     lat, lon, _ = own.site.frame.geodetic_from_enu(np.array([[east_m, north_m, 0.0]]))
     return float(lat[0]), float(lon[0])
+
+
+def warnings(autopilot, settings, **planned):
+    scene = make_scene(autopilot, settings=settings)
+    scene.upload(mission())
+    scene.fly(plan=dataclasses.replace(plan_for(mission()), **planned))
+    return [text for text in scene.told(EventKind.WARNING) if "but the plan assumes" in text]
+
+
+@pytest.mark.parametrize(("autopilot", "name"), [(ARDUPILOT, "WPNAV_SPEED_UP"), (PX4, "MPC_Z_V_AUTO_UP")])
+def test_a_vehicle_that_climbs_slower_than_planned_is_told(autopilot, name):
+    told = warnings(autopilot, Settings(climb_m_s=2.5, descent_m_s=5.0), max_climb_m_s=5.0, max_descent_m_s=5.0)
+    assert told == [
+        f"the vehicle climbs at 2.5 m/s ({name}), but the plan assumes 5 m/s: the flight takes longer than planned; "
+        "plan with the vehicle's speed, or set the parameter"
+    ]
+
+
+def test_a_vehicle_that_is_as_fast_as_planned_is_not_told():
+    assert warnings(ARDUPILOT, Settings(climb_m_s=5.0, descent_m_s=5.0), max_climb_m_s=5.0, max_descent_m_s=5.0) == []
+
+
+def test_a_plan_that_does_not_say_is_not_compared():
+    assert warnings(ARDUPILOT, Settings(climb_m_s=1.0)) == []

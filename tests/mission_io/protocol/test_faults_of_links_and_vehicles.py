@@ -3,11 +3,15 @@
 import random
 from collections.abc import Iterable
 
+import pytest
+
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.autopilots.mission_lists import home_item
+from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.server import MissionServer
+from mission_io.protocol.timing import RateLimit
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import (
     Address,
@@ -20,6 +24,7 @@ from mission_io.wire.messages import (
     Received,
     message_from_item,
 )
+from mission_io.wire.telemetry_messages import TimeSync
 from tests.mission_io.protocol.scripts import items, text
 from tests.mission_io.protocol.two_sides import BOTH, held, losing, untested, vehicle, vehicle_script
 from tests.mission_io.vehicle import VehiclePeer, connected
@@ -178,3 +183,23 @@ def test_vehicle_garbage_bytes() -> None:
     peer = VehiclePeer(PX4)
     peer.receive_datagram(random.Random(1).randbytes(5000), 0.0)
     assert peer.server.messages_to_send(0.0) == []
+
+
+def test_so_many_at_once_and_then_so_many_a_second() -> None:
+    limit = RateLimit(per_s=10.0)
+    assert sum(limit.allows(5.0) for _ in range(100)) == 10
+    assert sum(limit.allows(5.0 + step * 0.01) for step in range(1, 301)) == 30
+    assert sum(limit.allows(1000.0) for _ in range(100)) == 10
+    with pytest.raises(MisuseError, match="per_s must"):
+        RateLimit(per_s=0)
+
+
+def test_a_flood_of_questions_for_the_time_is_answered_within_limits() -> None:
+    peer = VehiclePeer()
+    client = connected(peer)
+    for step in range(20):
+        peer.outbox = [TimeSync(0, 1 + step * 1000 + n) for n in range(500)]
+        client.poll(0.1)
+    client.poll(0.1)
+    answers = sum(isinstance(received.message, TimeSync) for received in peer.heard)
+    assert 500 <= answers <= 500 + 2.2 * 500
