@@ -15,7 +15,6 @@ from mission_io.model.items import (
     Fence,
     Frame,
     GeoPoint,
-    LatLon,
     Mission,
     MissionItem,
     MissionType,
@@ -185,8 +184,12 @@ def check_for_autopilot(
     if len(items) > limit:
         remedy = "split the mission" if mission_type is MissionType.MISSION else "use fewer or simpler zones or points"
         problems.append(Problem(None, "", f"{len(items)} items exceed the {autopilot.name} limit of {limit}; {remedy}"))
-    if mission_type is MissionType.MISSION and autopilot.home_in_item_0 and items:
-        problems.extend(_home_problems(items[0], autopilot))
+    home_first = mission_type is MissionType.MISSION and autopilot.home_in_item_0
+    if home_first and items and items[0].command != Command.NAV_WAYPOINT:
+        what = (
+            f"{autopilot.name} stores home in item 0, so this command {items[0].command} would be lost; send home first"
+        )
+        problems.append(Problem(0, "command", what))
     for number, item in enumerate(items):
         problems.extend(Problem(number, name, what) for name, what in _item_problems(item, autopilot, len(items)))
     if mission_type is not MissionType.MISSION:
@@ -227,17 +230,16 @@ def fence_problems(fence: Fence) -> tuple[str, ...]:
 
     found = []
     for number, polygon in enumerate(fence.polygons):
-        if not all(_is_place(vertex) for vertex in polygon.vertices) or len(polygon.vertices) < 3:
+        if (
+            not all(math.isfinite(v.lat_deg) and math.isfinite(v.lon_deg) for v in polygon.vertices)
+            or len(polygon.vertices) < 3
+        ):
             continue  # the items say so themselves
         ring = shapely.Polygon([(vertex.lon_deg, vertex.lat_deg) for vertex in polygon.vertices])
         if not ring.is_valid:
             reason = shapely.is_valid_reason(ring).split("[")[0].strip().lower()
             found.append(f"fence polygon {number} crosses or touches itself ({reason}); draw it again")
     return tuple(found)
-
-
-def _is_place(vertex: LatLon) -> bool:
-    return math.isfinite(vertex.lat_deg) and math.isfinite(vertex.lon_deg)
 
 
 def _list_problems(items: Sequence[MissionItem], mission_type: MissionType) -> Iterator[Problem]:
@@ -250,12 +252,6 @@ def _list_problems(items: Sequence[MissionItem], mission_type: MissionType) -> I
         yield Problem(None, "", str(error))
         return
     yield from (Problem(None, "", what) for what in fence_problems(fence))
-
-
-def _home_problems(item: MissionItem, autopilot: Autopilot) -> Iterator[Problem]:
-    if item.command != Command.NAV_WAYPOINT:
-        what = f"{autopilot.name} stores home in item 0, so this command {item.command} would be lost; send home first"
-        yield Problem(0, "command", what)
 
 
 def _item_problems(item: MissionItem, autopilot: Autopilot, count: int) -> list[tuple[str, str]]:

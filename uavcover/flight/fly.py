@@ -20,7 +20,7 @@ from uavcover.flight.arming import (
     wait_until_ready,
 )
 from uavcover.flight.follow import PlanReturn, follow_mission, follow_taken, return_home
-from uavcover.flight.limits import AppliedLimits, tell_own_returns, tell_returns_by
+from uavcover.flight.limits import AppliedLimits, read_return_parameters, tell_returns_by
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import (
     PREPARATION,
@@ -75,7 +75,7 @@ def fly(
             outcome. All recorded samples have been delivered.
     """
     flight = FlightRun(client, monitor, orders)
-    return flight.ended(lambda: _from_the_ground(flight, plan, plan_return))
+    return flight.ended(lambda: _from_the_ground(flight, plan), plan_return)
 
 
 class Recorder:
@@ -327,15 +327,19 @@ class FlightRun:
             limits=tuple(row.as_json() for row in self.limits.rows),
         )
 
-    def ended(self, work: Callable[[], FlightOutcome]) -> FlightOutcome:
-        """Do the work; every failure gets the name of an ending.
+    def ended(self, work: Callable[[], None], plan_return: PlanReturn) -> FlightOutcome:
+        """Do the work, and come home where it is stopped; every failure gets the name of an ending.
 
         Raises:
             FlightFailedError: it did not end as it should.
         """
         session = self.session
         try:
-            outcome = work()
+            try:
+                work()
+                outcome = self.outcome(Ending.LANDED)
+            except Stopped as stop:
+                outcome = self.home(plan_return, stop.cause)
         except (VehicleError, MissionIoError) as error:
             raise self._failed(error) from error
         finally:
@@ -364,37 +368,34 @@ class FlightRun:
         return FlightFailedError(text, outcome)
 
 
-def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanReturn) -> FlightOutcome:
+def _from_the_ground(flight: FlightRun, plan: FlightPlan) -> None:
     session = flight.session
     flight.find(_refuse_armed)
+    request_telemetry(session)
+    wait_until_ready(session)
+    check_home(session, plan)
+    check_mission(session, plan)
+    flight.limits.put_back_older()
+    flight.limits.check(plan)
+    flight.watch_preconditions(plan)
+    if plan.returns is not None:
+        tell_returns_by(session, plan.returns, read_return_parameters(session))
+    tell_short_battery(session, plan)
+    while not flight.orders.clearance.may_start():  # beside other vehicles
+        if session.stop():
+            raise Stopped
+        session.pump()
+    session.prepare(lambda: _refuse_armed(session), while_in=tuple(Mode))
+    flight.orders.on_begin()
+    progress = flight.record(plan)
+    flight.touched = True
     try:
-        request_telemetry(session)
-        wait_until_ready(session)
-        check_home(session, plan)
-        check_mission(session, plan)
-        flight.limits.put_back_older()
-        flight.limits.check(plan)
-        flight.watch_preconditions(plan)
-        tell_own_returns(session, plan.returns)
-        tell_short_battery(session, plan)
-        while not flight.orders.clearance.may_start():  # beside other vehicles
-            if session.stop():
-                raise Stopped
-            session.pump()
-        session.prepare(lambda: _refuse_armed(session), while_in=tuple(Mode))
-        flight.orders.on_begin()
-        progress = flight.record(plan)
-        flight.touched = True
-        try:
-            arm_and_start(session)
-        except TakenOverError as error:
-            if not session.client.vehicle.armed:
-                raise
-            session.alarm(str(error))  # and follow it: a pilot may fly it
-        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
-    except Stopped as stop:
-        return flight.home(plan_return, stop.cause)
-    return flight.outcome(Ending.LANDED)
+        arm_and_start(session)
+    except TakenOverError as error:
+        if not session.client.vehicle.armed:
+            raise
+        session.alarm(str(error))  # and follow it: a pilot may fly it
+    follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
 
 
 def _refuse_armed(session: Session) -> None:

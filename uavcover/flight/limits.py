@@ -382,22 +382,10 @@ class AppliedLimits:
 _MOST_SAID = 6
 
 
-def tell_own_returns(session: Session, returns: OwnReturns | None) -> ReturnAdvice | None:
-    """Read the parameters that failsafes and returns depend on, and warn of every unsafe interval; nothing is refused.
-
-    The advice can be asked for again with other parameters: :func:`tell_returns_by`.
-    """
-    if returns is None:
-        return None
-    return tell_returns_by(session, returns, read_return_parameters(session))
-
-
-def tell_returns_by(session: Session, returns: OwnReturns, parameters: Mapping[str, float]) -> ReturnAdvice:
-    """Warn of every unsafe interval of the vehicle's own returns by these parameters, as when they change in flight."""
-    advice = returns.advice(parameters)
-    for words in return_warnings(advice):
+def tell_returns_by(session: Session, returns: OwnReturns, parameters: Mapping[str, float]) -> None:
+    """Warn of every unsafe interval of the vehicle's own returns by these parameters; nothing is refused."""
+    for words in return_warnings(returns.advice(parameters)):
         session.warn(words)
-    return advice
 
 
 def return_warnings(advice: ReturnAdvice) -> list[str]:

@@ -343,17 +343,14 @@ def require_multirotor(client: Client) -> VehicleInfo:
     if vehicle.kind is not VehicleKind.MULTIROTOR:
         name = type_name(vehicle.vehicle_type)
         what = name if vehicle.kind in (VehicleKind.OTHER, VehicleKind.VTOL) else vehicle.kind.value
+        article = "an" if what[0] in "aeio" else "a"
         raise VehicleError(
-            f"vehicle {vehicle.system_id} reports that it is {_a(what)}, MAV_TYPE {vehicle.vehicle_type}; uavcover "
+            f"vehicle {vehicle.system_id} reports that it is {article} {what}, MAV_TYPE {vehicle.vehicle_type}; uavcover "
             "supports only multirotors, so nothing was uploaded, changed or armed"
         )
     if vehicle.autopilot.firmware is Firmware.OTHER:
         raise VehicleError(f"the flight modes of vehicle {vehicle.system_id}, {vehicle.described}, are unknown")
     return vehicle
-
-
-def _a(noun: str) -> str:
-    return f"{'an' if noun[0] in 'aeio' else 'a'} {noun}"
 
 
 def custom_mode(autopilot: Autopilot, mode: Mode) -> int:

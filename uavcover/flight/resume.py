@@ -259,60 +259,54 @@ def take_over(
         FlightFailedError: as for ``fly``.
     """
     flight = FlightRun(client, monitor, orders)
-    return flight.ended(lambda: _from_the_air(flight, plan_continuation, plan_return))
+    return flight.ended(lambda: _from_the_air(flight, plan_continuation), plan_return)
 
 
-def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_return: PlanReturn) -> FlightOutcome:
+def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation) -> None:
     session = flight.session
     flight.find(_refuse_taken)
+    request_telemetry(session)
+    check_telemetry(session)
+    flight.orders.on_begin()
+    hold(session, "commanding the vehicle to hold")
+    flight.touched = True
+    here = session.monitor.latest(m.GlobalPositionInt)
+    if here is None:
+        raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not report its position; it continues to hold")
     try:
-        request_telemetry(session)
-        check_telemetry(session)
-        flight.orders.on_begin()
-        hold(session, "commanding the vehicle to hold")
-        flight.touched = True
-        here = session.monitor.latest(m.GlobalPositionInt)
-        if here is None:
-            raise FlightFaultError(
-                Ending.POSITION_LOST, "the vehicle does not report its position; it continues to hold"
-            )
-        try:
-            onward = plan_continuation(here.lat_deg, here.lon_deg, here.alt_amsl_m)
-        except UavcoverError as error:
+        onward = plan_continuation(here.lat_deg, here.lon_deg, here.alt_amsl_m)
+    except UavcoverError as error:
+        raise FlightFaultError(
+            Ending.FAILED,
+            f"no checked route starts at the current position: {error}; the vehicle continues to hold",
+        ) from error
+    plan = onward.plan
+    check_home_position(session, plan)
+    flight.limits.look(plan)
+    flight.watch_preconditions(plan)
+    if onward.upload:
+        session.tell(EventKind.STAGE, "uploading the remaining mission")
+        client = session.client
+        sent = session.steer(
+            lambda: client.upload_and_verify(plan.mission, in_flight=True), while_in=[hold_mode(session)]
+        )
+        if not sent.passed:
             raise FlightFaultError(
                 Ending.FAILED,
-                f"no checked route starts at the current position: {error}; the vehicle continues to hold",
-            ) from error
-        plan = onward.plan
-        check_home_position(session, plan)
-        flight.limits.look(plan)
-        flight.watch_preconditions(plan)
-        if onward.upload:
-            session.tell(EventKind.STAGE, "uploading the remaining mission")
-            client = session.client
-            sent = session.steer(
-                lambda: client.upload_and_verify(plan.mission, in_flight=True), while_in=[hold_mode(session)]
+                "the mission read back from the vehicle differs from the remaining mission; the "
+                "vehicle continues to hold",
             )
-            if not sent.passed:
-                raise FlightFaultError(
-                    Ending.FAILED,
-                    "the mission read back from the vehicle differs from the remaining mission; the "
-                    "vehicle continues to hold",
-                )
-        if session.stop():
-            raise Stopped
-        session.monitor.forget(m.MissionCurrent)
-        progress = flight.record(plan)
-        try:
-            fly_from_item(session, first_seq(session) + onward.first_item)
-        except TakenOverError as error:
-            session.alarm(str(error))  # and follow it to the ground
-        session.watch.take_off()
-        session.tell(EventKind.STAGE, "continuing the mission")
-        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
-    except Stopped as stop:
-        return flight.home(plan_return, stop.cause)
-    return flight.outcome(Ending.LANDED)
+    if session.stop():
+        raise Stopped
+    session.monitor.forget(m.MissionCurrent)
+    progress = flight.record(plan)
+    try:
+        fly_from_item(session, first_seq(session) + onward.first_item)
+    except TakenOverError as error:
+        session.alarm(str(error))  # and follow it to the ground
+    session.watch.take_off()
+    session.tell(EventKind.STAGE, "continuing the mission")
+    follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
 
 
 def _refuse_taken(session: Session) -> None:

@@ -283,7 +283,9 @@ def fence_of(site: Site, frame: LocalFrame, path_m: FloatArray) -> MissionFence:
     path = shapely.LineString(path_m[:, :2])
     passed = np.zeros(len(site.zones), dtype=bool)
     near = exclusions.index.query(path, predicate="intersects")
-    passed[near] = [_is_over(site.zones[number], path) for number in near]
+    # What meets the outline of a circle, which is the polygon around it, need not meet the zone.
+    circles = [site.zones[number].circle for number in near]
+    passed[near] = [one is None or path.distance(shapely.Point(one[:2])) <= one[2] for one in circles]
     key = passed.tobytes()
     if key not in exclusions.fences:
         keep_in = shapely.orient_polygons(site.fence)
@@ -336,11 +338,6 @@ def _exclusions(site: Site) -> _Exclusions:
                 )
             )
     return _Exclusions(shapely.STRtree(solids), polygons, circles, {})
-
-
-def _is_over(zone: Zone, path: shapely.LineString) -> bool:
-    """Whether a path that meets the outline of a zone, of a circle the polygon around it, meets the zone."""
-    return zone.circle is None or path.distance(shapely.Point(zone.circle[:2])) <= zone.circle[2]
 
 
 def _with_few_corners(zone: Zone, solid: shapely.Geometry) -> shapely.Geometry:

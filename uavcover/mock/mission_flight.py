@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from mission_io.autopilots.autopilot import Mode
 from mission_io.model.enums import MissionState, Severity
-from mission_io.model.items import LAST_NAVIGATION, Command, Frame, MissionItem, MissionType
+from mission_io.model.items import LAST_NAVIGATION, Command, Frame, MissionType
 from mission_io.wire import messages as m
 from uavcover.mock.behaviour import FLIGHT, Speeds
 from uavcover.mock.body import SMART_RTL
@@ -361,11 +361,13 @@ def _cone_m(state: MockState, here: Vector, there: Vector) -> float:
 def _rally_points(state: MockState) -> list[Vector]:
     frames = _RALLY_FRAMES["ardupilot" if state.is_ardupilot else "px4"]
     items = state.missions.items(MissionType.RALLY)
-    return [state.place(item) for item in items if item.command == Command.NAV_RALLY_POINT and _is_usable(item, frames)]
-
-
-def _is_usable(item: MissionItem, frames: tuple[Frame, ...]) -> bool:
-    return item.frame in frames and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
+    return [
+        state.place(item)
+        for item in items
+        if item.command == Command.NAV_RALLY_POINT
+        and item.frame in frames
+        and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
+    ]
 
 
 def _copters_rally_point(state: MockState, here: Vector) -> Vector | None:

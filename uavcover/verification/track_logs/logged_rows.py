@@ -94,7 +94,8 @@ def read_dataflash(path: Path) -> LoggedRows:
                     elif kind == "RFND":
                         ranges += _down(message)
                     elif kind == "TERR":
-                        stored += _stored(message)
+                        if message.Status == _TERRAIN_OK:
+                            stored.append((message.Lat, message.Lng, float(message.TerrH)))
                     elif kind in _ESTIMATOR:
                         primary = _note_estimate(velocities, message, primary)
                     elif kind == "ATT":
@@ -139,11 +140,6 @@ def _note_estimate(velocities: dict[str, list[tuple[float, ...]]], message: Any,
     if kind == "NKF1" or getattr(message, "C", primary) == primary:
         velocities[kind].append(_row(message, "VN", "VE", "VD"))
     return primary
-
-
-def _stored(message: Any) -> list[tuple[float, float, float]]:
-    """Latitude, longitude and height of known ground in the vehicle's terrain data."""
-    return [(message.Lat, message.Lng, float(message.TerrH))] if message.Status == _TERRAIN_OK else []
 
 
 def _gps_velocity(message: Any) -> list[tuple[float, ...]]:
