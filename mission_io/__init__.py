@@ -51,10 +51,9 @@ if TYPE_CHECKING:
     )
     from mission_io.formats.files import read_file, read_mission, write_mission
     from mission_io.formats.text import MissionFile
-    from mission_io.links.base import Link
+    from mission_io.links.datagrams import Link, UdpLink
     from mission_io.links.opening import open_link, register_endpoint
     from mission_io.links.simulated import LINK_PRESETS, LinkPreset, link_preset
-    from mission_io.links.udp import UdpLink
     from mission_io.model.actions import Action, action_of, item_of
     from mission_io.model.items import (
         Command,
@@ -124,10 +123,9 @@ _PLACES = {
     ),
     "mission_io.formats.files": ("read_file", "read_mission", "write_mission"),
     "mission_io.formats.text": ("MissionFile",),
-    "mission_io.links.base": ("Link",),
+    "mission_io.links.datagrams": ("Link", "UdpLink"),
     "mission_io.links.opening": ("open_link", "register_endpoint"),
     "mission_io.links.simulated": ("LINK_PRESETS", "LinkPreset", "link_preset"),
-    "mission_io.links.udp": ("UdpLink",),
     "mission_io.model.actions": ("Action", "action_of", "item_of"),
     "mission_io.model.items": (
         "Command", "Fence", "FenceCircle", "FencePolygon", "Frame", "FramedPoint", "GeoPoint", "LatLon", "Mission",

@@ -6,9 +6,9 @@ from random import Random
 from types import TracebackType
 from typing import Self
 
+from mission_io.links.datagrams import UdpLink
 from mission_io.links.opening import open_link
 from mission_io.links.simulated import Conditions, LossyLink
-from mission_io.links.udp import UdpLink
 from sitl_tests.meddler import Meddler
 
 _TICK_S = 0.02

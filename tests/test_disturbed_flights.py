@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mission_io.autopilots.autopilot import Mode
-from mission_io.links.base import TelemetryLogWriter
+from mission_io.links.opening import TelemetryLogWriter
 from mission_io.model.enums import AutopilotId, ModeFlag, VehicleClass
 from mission_io.model.items import Command
 from mission_io.wire import messages as m

@@ -38,7 +38,7 @@ from mission_io.errors import (
     VehicleHolds,
     VehicleSilentError,
 )
-from mission_io.links.base import Clock, Link
+from mission_io.links.datagrams import Clock, Link
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.model.plain_text import counted

@@ -9,7 +9,7 @@ from typing import Protocol, TypeAlias
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.client.peers import Peers, VehicleChoice, VehicleInfo, two_in_one, vehicle_of
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
-from mission_io.links.base import Clock, Closing, Link, PeerLink, StreamLink
+from mission_io.links.datagrams import Clock, Closing, Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.timing import CALLS, RateLimit

@@ -19,7 +19,7 @@ from mission_io.conformance.case import (
     sample,
 )
 from mission_io.errors import FormatError, TransferError, TransferSilentError
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.timing import Timing

@@ -14,7 +14,7 @@ from mission_io.conformance.client_case import ClientCase
 from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.probe import Probe
 from mission_io.errors import FormatError, MissionIoError, MisuseError, TransferError, TransferSilentError
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link
 from mission_io.links.simulated import SimulatedLink
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType

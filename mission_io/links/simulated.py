@@ -16,7 +16,7 @@ from random import Random
 from typing import Final, Protocol
 
 from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import Clock, Link, WrappingLink
+from mission_io.links.datagrams import Clock, Link, WrappingLink
 from mission_io.protocol.timing import Timing
 
 

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any, ClassVar, Final, Protocol
 
 from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import DEFAULT_BAUD, DEFAULT_HOST, Clock, Closing, MonotonicClock, port_of
+from mission_io.links.datagrams import DEFAULT_BAUD, DEFAULT_HOST, Clock, Closing, MonotonicClock, port_of
 from mission_io.wire.framing import Framer, FramingCounts
 
 QUIET_S: Final = 0.5

@@ -34,7 +34,8 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[2])
 
 from mission_io.autopilots.autopilot import Mode
-from mission_io.links.base import Clock, TelemetryLogWriter
+from mission_io.links.datagrams import Clock
+from mission_io.links.opening import TelemetryLogWriter
 from mission_io.links.simulated import Conditions
 from scripts.options import file_to_write
 from tests.disturbances import ALWAYS, GOOD, KINDS, Act, DisturbedLink

@@ -12,7 +12,7 @@ import pytest
 from mission_io.autopilots.autopilot import PX4
 from mission_io.formats import plan, wpl
 from mission_io.formats.csv_tables import write_csv
-from mission_io.links.udp import UdpLink
+from mission_io.links.datagrams import UdpLink
 from mission_io.model.items import (
     Fence,
     FencePolygon,

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mission_io.links.base import LoggedLink
+from mission_io.links.opening import LoggedLink
 from mission_io.links.simulated import Conditions, SimulatedLink
 from uavcover.flight.command import FlightOptions, record_flight
 from uavcover.flight.compiled_flight import fly, upload

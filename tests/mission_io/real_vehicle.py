@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link
 from tests.mission_io.vehicle import VehiclePeer
 
 

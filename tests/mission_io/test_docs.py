@@ -10,7 +10,7 @@ import pytest
 from mission_io import write_mission
 from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.formats import wpl
-from mission_io.links.udp import UdpLink
+from mission_io.links.datagrams import UdpLink
 from mission_io.model.items import MissionType, fence_from_items
 from tests.mission_io.formats.test_plan_complex import LANDING, SURVEY, document
 from tests.mission_io.protocol.diagrams import TABLES, with_diagrams

@@ -7,9 +7,9 @@ import pytest
 from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
 from mission_io.errors import LinkError, MisuseError
+from mission_io.links.datagrams import FORGOTTEN_AFTER_S, MOST_PEERS, TAKE_OVER_S, UdpLink
 from mission_io.links.opening import LinkUrl, open_link, parse_link_url, register_endpoint
 from mission_io.links.simulated import ManualClock
-from mission_io.links.udp import FORGOTTEN_AFTER_S, MOST_PEERS, TAKE_OVER_S, UdpLink
 from mission_io.model.items import Frame, MissionType, waypoint
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Heartbeat, MissionCurrent

@@ -10,7 +10,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.autopilots.mission_lists import items_of
 from mission_io.client.client import Client
 from mission_io.errors import TransferCancelledError
-from mission_io.links.udp import UdpLink
+from mission_io.links.datagrams import UdpLink
 from mission_io.model.items import (
     Fence,
     FenceCircle,

@@ -3,8 +3,8 @@ import random
 import pytest
 
 from mission_io.errors import LinkError, MisuseError
+from mission_io.links.datagrams import UdpLink
 from mission_io.links.simulated import Conditions, LossyLink, ManualClock, SimulatedLink
-from mission_io.links.udp import UdpLink
 
 
 class Echo:

@@ -13,8 +13,8 @@ import pytest
 from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
 from mission_io.errors import VehicleSilentError
+from mission_io.links.datagrams import UdpLink
 from mission_io.links.opening import open_link
-from mission_io.links.udp import UdpLink
 from mission_io.model.items import Frame, Mission, MissionType, waypoint
 from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m

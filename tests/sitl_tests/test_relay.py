@@ -1,8 +1,8 @@
 import time
 
+from mission_io.links.datagrams import UdpLink
 from mission_io.links.opening import open_link
 from mission_io.links.simulated import Conditions
-from mission_io.links.udp import UdpLink
 from sitl_tests.relay import Relay
 
 WATCHDOG_S = 10.0

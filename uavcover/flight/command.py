@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mission_io.links.base import MonotonicClock
+from mission_io.links.datagrams import MonotonicClock
 from mission_io.model.plain_text import counted
 from mission_io.wire.signing import SystemClock
 from uavcover.errors import InputError, OutputError, UavcoverError

@@ -12,8 +12,7 @@ import numpy as np
 from mission_io import SigningKey
 from mission_io.client.client import Client, answer_terrain_requests
 from mission_io.errors import TransferSilentError, VehicleSilentError
-from mission_io.links.base import LoggedLink
-from mission_io.links.opening import SharedLink, open_link
+from mission_io.links.opening import LoggedLink, SharedLink, open_link
 from mission_io.model.items import GeoPoint
 from mission_io.model.plain_text import counted
 from mission_io.protocol.terrain import Heights, Place, TerrainAnswers

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mission_io.autopilots.autopilot import Mode, mode_from_custom
-from mission_io.links.base import TelemetryLogWriter
+from mission_io.links.opening import TelemetryLogWriter
 from mission_io.wire import messages as m
 from uavcover.errors import OutputError
 from uavcover.flight.connect import Connected

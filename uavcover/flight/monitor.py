@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from mission_io.client.client import Client
 from mission_io.data_tables import data_table
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link
 from mission_io.links.opening import open_link
 from mission_io.model.enums import MissionResult, MissionState
 from mission_io.model.items import MissionType

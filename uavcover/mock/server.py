@@ -12,10 +12,9 @@ from types import FrameType
 from typing import Generic
 
 from mission_io.errors import LinkError
-from mission_io.links.base import Closing, Link, MonotonicClock
+from mission_io.links.datagrams import Closing, Link, MonotonicClock, UdpLink
 from mission_io.links.opening import LinkUrl, parse_link_url
 from mission_io.links.stream import FramedChannel, TcpChannel
-from mission_io.links.udp import UdpLink
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Address, Message
 from mission_io.wire.telemetry_messages import TimeSync

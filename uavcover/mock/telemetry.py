@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from mission_io.autopilots.autopilot import Mode
-from mission_io.links.base import Closing
+from mission_io.links.datagrams import Closing
 from mission_io.model.enums import EkfFlag, GpsFix, MissionState, ModeFlag
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m

@@ -6,7 +6,8 @@ from contextlib import contextmanager
 from random import Random
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.links.base import LoggedLink, WrappingLink
+from mission_io.links.datagrams import WrappingLink
+from mission_io.links.opening import LoggedLink
 from mission_io.links.simulated import Conditions, ManualClock, SimulatedLink
 from uavcover.flight.connect import Connected, VehicleLink
 from uavcover.flight.monitor import open_vehicle

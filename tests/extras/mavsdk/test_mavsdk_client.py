@@ -21,8 +21,8 @@ from mission_io.errors import (
     VehicleSilentError,
     WaitCancelledError,
 )
+from mission_io.links.datagrams import UdpLink
 from mission_io.links.simulated import Conditions, LossyLink
-from mission_io.links.udp import UdpLink
 from mission_io.model.items import Command, Fence, FenceCircle, FencePolygon, LatLon, MissionType, RallyPoints
 from mission_io.wire.messages import AutopilotVersion
 from tests.flight.scene import HOME, mission, plan_for, way_home

@@ -8,7 +8,7 @@ from typing import Any
 from mission_io.client.client import Client
 from mission_io.conformance.case import sample
 from mission_io.conformance.client_case import ClientCase, Operation, as_float
-from mission_io.links.base import Link, WrappingLink
+from mission_io.links.datagrams import Link, WrappingLink
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec

@@ -14,7 +14,7 @@ from mission_io.conformance.case import sample
 from mission_io.conformance.client_cases import CLIENT_CASES
 from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.run import serve
-from mission_io.links.udp import UdpLink
+from mission_io.links.datagrams import UdpLink
 from mission_io.model.items import MissionType
 
 WATCHDOG_S = 300.0

@@ -14,7 +14,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.autopilots.mission_lists import home_item
 from mission_io.formats import plan, wpl
 from mission_io.formats.drawings import read_fence_list
-from mission_io.links.udp import UdpLink
+from mission_io.links.datagrams import UdpLink
 from mission_io.model.items import Fence, Frame, FramedPoint, GeoPoint, MissionItem, items_from_fence, items_from_rally
 from mission_io.wire.messages import float32
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY, fen_text

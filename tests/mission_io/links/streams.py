@@ -1,6 +1,6 @@
 """What the tests of TCP and serial links share: frames to send, and receiving until so many came."""
 
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import MissionItemReached
 

@@ -8,10 +8,9 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega
 
 from mission_io.client.connection import Connection
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link, UdpLink
 from mission_io.links.opening import open_link
 from mission_io.links.stream import TcpListeningLink
-from mission_io.links.udp import UdpLink
 from mission_io.wire.messages import Heartbeat, MissionRequestList
 from mission_io.wire.signing import SigningKey
 from tests.mission_io.links.streams import PATIENCE_S

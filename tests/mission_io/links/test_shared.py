@@ -10,10 +10,9 @@ import pytest
 from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
 from mission_io.errors import LinkError, MisuseError
-from mission_io.links.base import Clock, Link, MonotonicClock
+from mission_io.links.datagrams import Clock, Link, MonotonicClock, UdpLink
 from mission_io.links.opening import MOST_WAITING, LinkShare, SharedLink, open_link
 from mission_io.links.stream import TcpListeningLink
-from mission_io.links.udp import UdpLink
 from mission_io.model.items import Frame, MissionType, waypoint
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Heartbeat

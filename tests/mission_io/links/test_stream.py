@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from mission_io.errors import LinkError
-from mission_io.links.base import StreamLink
+from mission_io.links.datagrams import StreamLink
 from mission_io.links.simulated import ManualClock
 from mission_io.links.stream import QUIET_S, SEND_BUFFER_BYTES, ChannelLink, FramedChannel, OpenChannel
 from mission_io.wire.codec import Codec

@@ -8,7 +8,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.client.client import Client
 from mission_io.errors import LinkError
 from mission_io.links import stream
-from mission_io.links.base import Link, StreamLink
+from mission_io.links.datagrams import Link, StreamLink
 from mission_io.links.opening import open_link
 from mission_io.links.stream import MOST_PEERS, TcpListeningLink, connect_tcp
 from mission_io.model.items import Frame, MissionType, waypoint

@@ -6,7 +6,7 @@ import pytest
 from pymavlink import mavutil
 
 from mission_io.errors import LinkError
-from mission_io.links.base import FLUSH_S, LoggedLink, TelemetryLogWriter
+from mission_io.links.opening import FLUSH_S, LoggedLink, TelemetryLogWriter
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.wire.codec import Codec
 from mission_io.wire.framing import FramingCounts

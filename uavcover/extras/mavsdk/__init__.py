@@ -6,7 +6,7 @@ Its library is large: everything is imported on demand.
 
 from typing import TYPE_CHECKING, Any
 
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link
 from mission_io.model.items import MissionItem, MissionType
 
 if TYPE_CHECKING:

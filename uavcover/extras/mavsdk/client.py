@@ -21,7 +21,7 @@ from mission_io.errors import (
     VehicleSilentError,
     WaitCancelledError,
 )
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link
 from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, MissionItem, MissionType
 from mission_io.wire import messages as m

@@ -22,7 +22,7 @@ from mavsdk.plugins.mission_raw import MissionRaw, MissionRawResult
 
 from mission_io.autopilots.mission_lists import refuse_impossible
 from mission_io.errors import MisuseError
-from mission_io.links.base import Link, WrappingLink
+from mission_io.links.datagrams import Link, WrappingLink
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire.framing import frames_of
 from mission_io.wire.messages import Address, MissionItemInt, item_from_message, message_to_send
@@ -250,7 +250,7 @@ def _message_id(data: bytes) -> int:
 
 
 class TappedLink(WrappingLink):
-    """A :class:`~mission_io.links.base.Link` that tells MAVSDK what arrives, and sends what MAVSDK says while it listens.
+    """A :class:`~mission_io.links.datagrams.Link` that tells MAVSDK what arrives, and sends what MAVSDK says while it listens.
 
     MAVSDK hears the vehicle's autopilot alone, from ``keep_to`` on: what a companion computer says with the same system id must
     answer none of its questions.

@@ -22,9 +22,8 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.autopilots.mission_lists import stored_item
 from mission_io.client.client import Client
 from mission_io.errors import MissionIoError, MisuseError
-from mission_io.links.base import Link
+from mission_io.links.datagrams import Link, UdpLink
 from mission_io.links.simulated import Conditions, SimulatedLink, fate
-from mission_io.links.udp import UdpLink
 from mission_io.model.enums import VehicleClass
 from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
 from mission_io.protocol.server import MissionServer
