@@ -182,7 +182,10 @@ class SimulatedLink:
     def _dispatch(self, data: bytes, *, to_peer: bool) -> None:
         direction = self._to_peer if to_peer else self._from_peer
         for arrival_s, copy in direction.arrivals(data, self._clock.now()):
-            heapq.heappush(self._in_flight, (arrival_s, next(self._order), to_peer, copy))
+            self._carry(copy, arrival_s, to_peer=to_peer)
+
+    def _carry(self, data: bytes, arrival_s: float, *, to_peer: bool) -> None:
+        heapq.heappush(self._in_flight, (arrival_s, next(self._order), to_peer, data))
 
 
 class LossyLink(WrappingLink):
