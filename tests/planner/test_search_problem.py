@@ -7,7 +7,9 @@ import pytest
 from tests.planner.sites import with_scenario
 from tests.terrain_kinds import write_scenario
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m, fly_layout, long_side_angle_rad, regular_layout
-from uavcover.planner.search.local_search import SearchStart, counted_as_judged, search_problem
+from uavcover.planner.plan_search import SearchRequest, plan
+from uavcover.planner.search import improve
+from uavcover.planner.search.local_search import SearchStart, Work, counted_as_judged, search_problem
 from uavcover.planner.search.route_problem import RouteProblem, state_of
 from uavcover.scenario.site import load_site
 from uavcover.sensing.site_maps import judging_map, planning_map
@@ -53,3 +55,20 @@ def test_where_hardly_any_ground_is_in_view_all_the_way_likely_pictures_count(
     assert (counted_on.numbers.trigger_m < problem.numbers.trigger_m) is likely
     assert off(counted_on) < 0.03
     assert (off(problem) > 0.05) is likely
+
+
+@pytest.mark.parametrize(("terrain", "finest"), [("terraces", True), ("flat", False)])
+def test_likely_pictures_are_counted_on_the_finest_cells_before_the_end(
+    terrain: str, finest: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their count was 3 points too high over a canyon, and closing the gaps took half of the way again."""
+    asked = list[bool]()
+
+    def search(work: Work, starts: list[SearchStart], **_: object) -> list[SearchStart]:
+        asked.append(work.finest is not None)
+        return starts
+
+    monkeypatch.setattr(improve, "search_goals", search)
+    site = load_site(str(write_scenario(tmp_path, terrain, "sparse")))
+    plan(site, SearchRequest(evaluations=60, select="coverage>=0.98", workers=1))
+    assert asked == [finest]

@@ -2,7 +2,7 @@
 
 A cost of the whole mission begins and ends on the ground at home. During a search the transits are straight lines from above
 home, with what the checked transits cost more on average near each end: they climb over terrain and go around zones. What is
-reported is counted along the checked transits (:func:`uavcover.missions.flight_costs.mission_cost`).
+reported is counted along the checked transits (:func:`uavcover.missions.objectives.mission_cost`).
 
 A route that no single flight can fly is split for the least total time in the order of its waypoints, by the procedure of
 Prins (2004), doi 10.1016/S0305-0548(03)00158-8.

@@ -21,9 +21,6 @@ LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 _ROUNDS, _SUREST = 3, 3
 """Rounds of a search on the finest cells, and beginnings that are judged for it besides the ends of the search before."""
 
-_CLOSED_AGAIN = 3
-"""Searches from routes with closed gaps, one after the other, while they end short of their goal."""
-
 _ROUNDING = 1e-9
 
 
@@ -111,7 +108,7 @@ def search_from_closed(
     tuned, (end, until), out = work.tuning.goal, share, list[SearchStart]()
     end += each
     stages = tuned.main_stages if from_beginning else tuned.stages
-    for _ in range(_CLOSED_AGAIN):
+    for _ in range(tuned.closed_again):
         end = min(until, max(end, work.pace.fraction + each))
         share = min(work.pace.fraction, end), end
         if finest:

@@ -86,11 +86,13 @@ def improve(
         return Improved((), 0, interrupted=False)
     asked, tuned = rule.required_coverage, tuning.goal
     goal = _FLOWN if asked is None else asked
-    finer = finer_map(site) if asked is not None and asked > tuned.nearly_all_on_finest else None
+    counted_surely = search_problem(coverage, judging, starts, goal)
+    problem = counted_as_judged(counted_surely, judging, starts)
+    nearly = tuned.nearly_all_on_finest if problem is counted_surely else tuned.likely_on_finest
+    finer = finer_map(site) if asked is not None and asked > nearly else None
     if finer is not None:
-        tuned = replace(tuned, nearly_all=tuned.nearly_all_on_finest)
+        tuned = replace(tuned, nearly_all=nearly)
         tuning = replace(tuning, goal=tuned)
-    problem = counted_as_judged(search_problem(coverage, judging, starts, goal), judging, starts)
     judges = judging_maps(site) if site.scenario.sensor.looks_along_path else [judging]
     pace: SearchPace
     if effort.budget_s is None:
