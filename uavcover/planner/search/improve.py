@@ -88,7 +88,10 @@ def improve(
     goal = _FLOWN if asked is None else asked
     counted_surely = search_problem(coverage, judging, starts, goal)
     problem = counted_as_judged(counted_surely, judging, starts)
-    nearly = tuned.nearly_all_on_finest if problem is counted_surely else tuned.likely_on_finest
+    nearly = tuned.nearly_all_on_finest
+    prepared = 0.0 if effort.budget_s is None else (effort.now() - run.started) / effort.budget_s
+    if problem is not counted_surely and prepared <= tuned.most_prepared:
+        nearly = tuned.likely_on_finest
     finer = finer_map(site) if asked is not None and asked > nearly else None
     if finer is not None:
         tuned = replace(tuned, nearly_all=nearly)

@@ -41,7 +41,8 @@ class GoalTuning:
         nearly_all_on_finest: the same where the finest cells can be searched: canyon-nadir with 99 % takes 404 s instead of 588,
             two_parts-survey 379 instead of 486, two others 1 and 2 % more (scripts/bench/kinds.py, 10 s).
         likely_on_finest: the same where likely photos are counted, up to 3 points too many: with a photo every 40 m and 10 s,
-            canyon takes 18 % less, city 11, terraces 10 and volcano 1 % (3 or 4 seeds each).
+            canyon takes 18 % less, city 11, terraces 10 and volcano 1 % (3 or 4 seeds each), ...
+        most_prepared: ... unless preparing the search took more than this share of the time: the finest cells take as long again.
         closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
         finest_price: the same factor on the finest cells, at the beginning: there it rises from stage to stage, ...
@@ -106,6 +107,7 @@ class GoalTuning:
     nearly_all: float = 0.995
     nearly_all_on_finest: float = 0.985
     likely_on_finest: float = 0.9
+    most_prepared: float = 0.25
     closed_dearer: float = 40.0
     closed_heat: float = 0.2
     finest_price: float = 10.0
