@@ -354,7 +354,7 @@ NO_DETECTION = detection_table(np.empty(0), np.empty(0), np.empty((0, 0)))
 
 
 class Looks(NamedTuple):
-    """What the looks at each of (n,) cells come to; (0,) and (0, SIDES) where nobody asks.
+    """What the looks at each of (n,) cells come to; (0,) and (0, SIDES) where it is not asked for.
 
     Attributes:
         missed: (n,) probability that all of them miss the target, each look independent of the others.
