@@ -49,12 +49,11 @@ from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import (
     evaluated,
     fly_layout,
-    fly_rows,
     long_side_angle_rad,
     regular_layout,
-    scanned_rows,
     width_across_m,
 )
+from uavcover.planner.baselines.initial_routes import fly_rows, scanned_rows
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import finer_map, judging_map

@@ -30,7 +30,7 @@ from scripts.bench.planner import window
 from scripts.options import file_to_write, one_of
 from uavcover.extras.bounds.bounds import lattice_parts, least_path_length_m, price_ground
 from uavcover.missions.objectives import judge_member
-from uavcover.planner.baselines.boustrophedon import boustrophedons
+from uavcover.planner.baselines.boustrophedon import RETURNING, boustrophedons
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.site_maps import judging_map, planning_map
@@ -89,7 +89,7 @@ def boustrophedon(side_m: float) -> Row:
     site = load_site(window(side_m, CELL_M))
     coarse, fine = planning_map(site), judging_map(site)
     asked = ASKED * coarse.share(coarse.coverable)
-    tried = [each for each in boustrophedons(coarse) if each.violation <= 0.0]
+    tried = [each for each in boustrophedons(coarse) if each.violation <= 0.0 and each.name != RETURNING]
     tried.sort(key=lambda each: (max(0.0, asked + float(each.objectives[0])), float(each.objectives[2])))
     judged = [judge_member(fine, each.route, each.name, margin_m=0.0).metrics for each in tried[:_TRIED]]
     enough = [each for each in judged if each.coverage_of_coverable >= ASKED]

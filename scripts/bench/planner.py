@@ -36,13 +36,12 @@ from uavcover.model.route import Route
 from uavcover.model.scenario import Origin, Scenario
 from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted
 from uavcover.planner.baselines.boustrophedon import (
-    NodeRows,
     best_height_agl_m,
     fly_layout,
-    fly_rows,
     long_side_angle_rad,
     plain_boustrophedon,
 )
+from uavcover.planner.baselines.initial_routes import NodeRows, fly_rows
 from uavcover.planner.search.local_search import CHAINS, Chain, PaceByClock, Work
 from uavcover.planner.search.route_problem import RouteProblem, route_problem, state_of
 from uavcover.planner.search.tuning import TUNED

@@ -11,7 +11,13 @@ import pytest
 from tests.planner.sites import SQUARE, hills, make_site
 from uavcover.model.route import Route
 from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, bend_lines, fly_bent, simple_lines, tight_lines
-from uavcover.planner.baselines.boustrophedon import SwathLayout, best_height_agl_m, regular_layout, width_across_m
+from uavcover.planner.baselines.boustrophedon import (
+    SwathLayout,
+    begun_near_home,
+    best_height_agl_m,
+    regular_layout,
+    width_across_m,
+)
 from uavcover.scenario.site import Site
 
 STRIP = ((0.0, 0.0), (400.0, 0.0), (400.0, 30.0), (0.0, 30.0))
@@ -47,7 +53,7 @@ def test_tight_lines_are_the_first_of_the_simple_ones() -> None:
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.5 * math.pi])
 def test_the_number_of_lines_that_just_fits_comes_first(ring: tuple[tuple[float, float], ...], angle: float) -> None:
     site = make_site(hills, ring=ring)
-    layout = fitting(site, angle)
+    layout = begun_near_home(site, fitting(site, angle))
     bent = bend_lines(site, layout)
     expected = [fly_bent(site, dataclasses.replace(layout, inset=inset), bent) for inset in (0.8, 0.9, 0.96, 1.0)]
     assert equal(adaptive_swaths(site, angle, should_stop=lambda: True), expected)

@@ -24,7 +24,7 @@ WIDE = ((0.0, 0.0), (900.0, 100.0), (800.0, 700.0), (100.0, 600.0))
 
 
 @pytest.mark.parametrize(("ups", "asked"), [(flat, 0.95), (hills, 0.95), (hills, 0.99)])
-def test_no_spacing_of_the_whole_scan_is_better_and_an_eighth_of_it_finds_that(ups, asked: float) -> None:
+def test_no_spacing_of_the_whole_scan_is_better_and_a_quarter_of_it_finds_that(ups, asked: float) -> None:
     site = make_site(ups, ring=WIDE, cell_m=20.0)
     coverage = planning_map(site)
     goal = asked * coverage.share(coverage.coverable)
@@ -35,7 +35,7 @@ def test_no_spacing_of_the_whole_scan_is_better_and_an_eighth_of_it_finds_that(u
     whole, guided = boustrophedons(coverage), list(fewest_lines(coverage, goal))
     assert min(map(cost, guided)) <= min(map(cost, whole))
     assert len(guided) < 0.4 * len(whole)
-    assert min(map(cost, guided[: len(whole) // 8])) <= 1.01 * min(map(cost, whole))
+    assert min(map(cost, guided[: len(whole) // 4])) <= 1.01 * min(map(cost, whole))
 
 
 def test_the_first_way_is_searched_to_the_fewest_lines_that_reach_the_goal() -> None:
@@ -62,7 +62,7 @@ def test_what_is_not_taken_is_left_for_later() -> None:
     coverage = planning_map(site)
     tuned, stops = fewest_lines(coverage, 0.95), iter([False, False, True])
     early = boustrophedons(coverage, should_stop=lambda: next(stops), tuned=tuned)
-    assert [each.name for each in early] == ["boustrophedon", "boustrophedon-tuned", "boustrophedon-tuned"]
+    assert [each.name for each in early] == ["boustrophedon", "boustrophedon-tuned", "boustrophedon-returning"]
     late = taken(tuned, lambda: False)
     whole = list(fewest_lines(coverage, 0.95))
     assert len(early) - 1 + len(late) == len(whole)

@@ -11,7 +11,8 @@ from tests.planner.test_insertion import SPHERE, some_route
 from uavcover.errors import InfeasibleError
 from uavcover.model.limits import Obstacles
 from uavcover.model.route import Route, RouteMember
-from uavcover.planner.baselines.boustrophedon import fly_layout, fly_rows, regular_layout, scanned_rows
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
+from uavcover.planner.baselines.initial_routes import fly_rows, scanned_rows
 from uavcover.planner.final_choice import ChosenRoute, choose
 from uavcover.planner.front import judge_members
 from uavcover.planner.search.closing import with_viewpoints

@@ -8,7 +8,7 @@ import pytest
 from tests.planner.sites import flat, hills, make_site
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.sensor import DiscSensor, SphereSensor
-from uavcover.planner.baselines.boustrophedon import NodeRows, fly_rows, plain_rows, scanned_rows
+from uavcover.planner.baselines.initial_routes import NodeRows, fly_rows, plain_rows, scanned_rows
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap

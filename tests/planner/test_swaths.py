@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -7,6 +8,7 @@ import shapely
 from tests.planner.sites import hills, make_site
 from uavcover.planner.baselines.boustrophedon import (
     SwathLayout,
+    begun_near_home,
     best_height_agl_m,
     boustrophedons,
     edge_angles_rad,
@@ -33,10 +35,9 @@ def corners(route: np.ndarray) -> list[tuple[float, float]]:
     return [(round(float(e), 6), round(float(n), 6)) for e, n in en[[*keep, len(en) - 1]]]
 
 
-def layout(lines: int, **changes: float) -> SwathLayout:
-    return regular_layout(
-        **{"angle_rad": 0.0, "lines": lines, "height_agl_m": 80.0, "inset": 0.0, "tolerance_m": 10.0, **changes}  # type: ignore[arg-type]
-    )
+def layout(lines: int, *, start: int = 0, **changes: float) -> SwathLayout:
+    regular = {"angle_rad": 0.0, "lines": lines, "height_agl_m": 80.0, "inset": 0.0, "tolerance_m": 10.0, **changes}
+    return dataclasses.replace(regular_layout(**regular), start=start)  # type: ignore[arg-type]
 
 
 def test_a_regular_layout_is_the_boustrophedon_with_half_a_gap_at_both_borders() -> None:
@@ -215,7 +216,7 @@ def test_the_scan_starts_with_the_plain_one_and_stops_when_told() -> None:
     stopped = boustrophedons(coverage, should_stop=lambda: True)
     assert [b.name for b in stopped] == ["boustrophedon"]
     everything = boustrophedons(coverage)
-    assert {b.name for b in everything} == {"boustrophedon", "boustrophedon-tuned"}
+    assert {b.name for b in everything} == {"boustrophedon", "boustrophedon-tuned", "boustrophedon-returning"}
     assert all(b.violation == 0.0 for b in everything)
     np.testing.assert_array_equal(everything[0].objectives, stopped[0].objectives)
 
@@ -230,3 +231,45 @@ def test_directions_of_edges_come_by_metres_of_border_and_parallel_ones_count_to
     hole = ((40.0, 40.0), (50.0, 50.0), (40.0, 50.0))
     holed = make_site(ring=((0.0, 0.0), (100.0, 0.0), (100.0, 80.0), (0.0, 80.0)), holes=(hole,)).area
     assert [abs(each) for each in edge_angles_rad(holed)] == pytest.approx([0.0, math.pi / 2.0, math.pi / 4.0])
+
+
+@pytest.mark.parametrize("start", range(4))
+@pytest.mark.parametrize("lines", [4, 6])
+def test_lines_that_return_see_the_whole_area_and_end_beside_their_beginning(lines: int, start: int) -> None:
+    site = make_site()
+    east, north = 300.0, 200.0
+    route = fly_layout(site, dataclasses.replace(layout(lines, start=start), returns=True)).waypoints_m
+    apart_m = north / lines
+    # Nothing lies farther from it than half the distance between lines, but the corners where a line meets the return line.
+    places = shapely.points(*np.meshgrid(np.linspace(0.0, east, 31), np.linspace(0.0, north, 41)))
+    away_m = shapely.distance(shapely.LineString(route[:, :2]), places)
+    assert away_m.max() <= apart_m / math.sqrt(2.0) + 1e-6
+    assert np.mean(away_m > 0.5 * apart_m + 1e-6) < 0.03
+    assert np.hypot(*(route[-1] - route[0])[:2]) == pytest.approx(apart_m)
+    plain = fly_layout(site, layout(lines, start=start)).waypoints_m
+    assert np.hypot(*(plain[-1] - plain[0])[:2]) == pytest.approx((lines - 1) * apart_m)
+
+
+@pytest.mark.parametrize("lines", [1, 2, 3, 5])
+def test_few_lines_and_odd_numbers_do_not_return(lines: int) -> None:
+    site = make_site()
+    route = fly_layout(site, dataclasses.replace(layout(lines), returns=True)).waypoints_m
+    assert np.array_equal(route, fly_layout(site, layout(lines)).waypoints_m)
+
+
+@pytest.mark.parametrize("returns", [False, True])
+@pytest.mark.parametrize("lines", [1, 3, 4])
+@pytest.mark.parametrize("home", [(-100.0, -40.0), (400.0, -40.0), (-100.0, 260.0), (400.0, 260.0)])
+def test_lines_begin_where_the_ways_from_and_to_home_are_shortest(
+    home: tuple[float, float], lines: int, returns: bool
+) -> None:
+    site = make_site(home=home)
+
+    def way_m(begun: SwathLayout) -> float:
+        ends = fly_layout(site, begun).waypoints_m[[0, -1], :2]
+        return float(np.hypot(*(ends - home).T).sum())
+
+    wanted = dataclasses.replace(layout(lines, angle_rad=0.3), returns=returns)
+    chosen = begun_near_home(site, wanted)
+    assert way_m(chosen) == pytest.approx(min(way_m(dataclasses.replace(wanted, start=k)) for k in range(4)))
+    assert (chosen.returns, chosen.angle_rad, len(chosen.gaps)) == (returns, 0.3, lines + 1)

@@ -20,6 +20,7 @@ from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
 from uavcover.planner.baselines import cut_lines
 from uavcover.planner.baselines.boustrophedon import (
+    RETURNING,
     TUNED,
     Baseline,
     SwathLayout,
@@ -421,7 +422,7 @@ def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baselin
 
 def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
     """Each method's route; of tuned lines of each kind, a thinned set of those that no other dominates."""
-    several = (TUNED, TUNED_CONTOURS, cut_lines.NAME)
+    several = (TUNED, RETURNING, TUNED_CONTOURS, cut_lines.NAME)
     others = [b for b in baselines if b.name not in several]
     kinds = [[b for b in baselines if b.name == name and b.violation <= 0.0] for name in several]
     return others + [b for kind in kinds if kind for b in _thinned(kind, goal)]

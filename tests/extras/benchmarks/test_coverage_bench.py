@@ -53,15 +53,8 @@ from uavcover.extras.benchmarks.coverage.runs import (
 from uavcover.extras.benchmarks.runs import KeptRuns
 from uavcover.missions.leg_checks import corner_excess_m
 from uavcover.model.route import Route
-from uavcover.planner.baselines.boustrophedon import (
-    NodeRows,
-    best_height_agl_m,
-    fly_layout,
-    fly_rows,
-    long_side_angle_rad,
-    regular_layout,
-    scanned_rows,
-)
+from uavcover.planner.baselines.boustrophedon import best_height_agl_m, fly_layout, long_side_angle_rad, regular_layout
+from uavcover.planner.baselines.initial_routes import NodeRows, fly_rows, scanned_rows
 from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M
 from uavcover.scenario.scenario_file import bundled_scenarios
 from uavcover.scenario.site import load_site

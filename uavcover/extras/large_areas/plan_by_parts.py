@@ -396,7 +396,7 @@ def _divided(
 
 
 def _baselines(coarse: CoverageMap, goal: float) -> list[NamedRoute]:
-    """The plain boustrophedon, and the best of those with the fewest lines along the long side."""
+    """The plain boustrophedon, and of each kind the best of those with the fewest lines along the long side."""
     site = coarse.site
     plain = fly_layout(site, plain_boustrophedon(site))
     share = goal * coarse.share(coarse.coverable)
@@ -404,8 +404,8 @@ def _baselines(coarse: CoverageMap, goal: float) -> list[NamedRoute]:
     def merit(tuned: Baseline) -> tuple[float, float, float]:
         return tuned.violation, max(0.0, share + float(tuned.objectives[0])), float(tuned.objectives[2])
 
-    best = sorted(fewest_lines(coarse, share, turns=1), key=merit)[:1]
-    return [(plain, BOUSTROPHEDON), *((each.route, each.name) for each in best)]
+    best = {each.name: each for each in sorted(fewest_lines(coarse, share, turns=1), key=merit, reverse=True)}
+    return [(plain, BOUSTROPHEDON), *((each.route, name) for name, each in best.items())]
 
 
 def _least_cost(site: Site, routes: Sequence[NamedRoute]) -> float:

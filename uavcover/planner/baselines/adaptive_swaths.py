@@ -18,7 +18,6 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-import shapely
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.swaths import balance_lines
@@ -26,13 +25,16 @@ from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import (
     SwathLayout,
     area_edges,
+    begun_near_home,
     best_height_agl_m,
     extents_between,
     fly_layout,
+    join_lines,
     line_extents,
     regular_layout,
     to_lines_frame,
     width_across_m,
+    with_return_line,
 )
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
@@ -87,6 +89,7 @@ def adaptive_swaths(
             ranked.append((rank, layout))
 
     layouts = [layout for _, layout in sorted(ranked, key=lambda item: item[0])]
+    layouts += [each for layout in layouts if (each := with_return_line(site, layout)) is not None]
     return [route for routes in _each(partial(_balanced, site), layouts, executor, should_stop) for route in routes]
 
 
@@ -157,22 +160,17 @@ def fly_bent(site: Site, layout: SwathLayout, bent: BentLines, *, straight_m: fl
         straight_m: how far lines may leave their bends on the map to have fewer of them; by default a hundredth of the
             sensor's reach.
     """
-    straight = _STRAIGHT_SHARE * bent.reach_m if straight_m is None else straight_m
-    polyline: list[FloatArray] = []
-    for k, (west, east, across) in enumerate(zip(bent.west_m, bent.east_m, bent.across_m, strict=True)):
-        inset = min(layout.inset * bent.reach_m, max(0.0, 0.5 * (east - west) - 0.5))
-        inner = bent.along_m[(bent.along_m > west + inset) & (bent.along_m < east - inset)]
-        places = np.concatenate([[west + inset], inner, [east - inset]])
-        line = shapely.LineString(np.column_stack([places, np.interp(places, bent.along_m, across)]))
-        corners = shapely.get_coordinates(line.simplify(straight))
-        polyline.append(corners if (k + layout.start) % 2 == 0 else corners[::-1])
-    wanted = np.repeat(bent.heights_agl_m, [len(line) for line in polyline])
-    points = np.vstack(polyline)
-    if layout.start & 2:
-        points, wanted = points[::-1], wanted[::-1]
-    return Route(
-        lay_over_terrain(site, points @ to_lines_frame(layout.angle_rad), wanted, tolerance_m=layout.tolerance_m)
-    )
+    lines_m: list[FloatArray] = []
+    for west, east, across in zip(bent.west_m, bent.east_m, bent.across_m, strict=True):
+        inner = bent.along_m[(bent.along_m > west) & (bent.along_m < east)]
+        along = np.concatenate([[west], inner, [east]])
+        lines_m.append(np.column_stack([along, np.interp(along, bent.along_m, across)]))
+    points_m, heights_m = join_lines(
+        lines_m, bent.heights_agl_m, np.full(len(lines_m), layout.inset * bent.reach_m), layout,
+        straight_m=_STRAIGHT_SHARE * bent.reach_m if straight_m is None else straight_m,
+    )  # fmt: skip
+    points_m = points_m @ to_lines_frame(layout.angle_rad)
+    return Route(lay_over_terrain(site, points_m, heights_m, tolerance_m=layout.tolerance_m))
 
 
 BENT = (1 / 16, 1 / 8, 3 / 16)
@@ -243,7 +241,7 @@ def ample_lines(site: Site, angle_rad: float, *, shortest: bool) -> list[Route]:
 
 
 def _balanced(site: Site, layout: SwathLayout) -> list[Route]:
-    bent = bend_lines(site, layout)
+    bent, layout = bend_lines(site, layout), begun_near_home(site, layout)
     return [fly_bent(site, dataclasses.replace(layout, inset=inset), bent) for inset in _INSETS]
 
 
@@ -306,9 +304,12 @@ def _laid_out(
 ) -> list[Route]:
     def routes(item: _Item) -> list[Route]:
         layout, bent, insets = item
+        layout = begun_near_home(site, layout)
         if not bent:
             return [fly_layout(site, layout)]
         lines = bend_lines(site, layout)
         return [fly_tight(site, dataclasses.replace(layout, inset=inset), lines) for inset in insets]
 
+    returning = [(with_return_line(site, layout), bent, insets) for layout, bent, insets in items]
+    items = [*items, *((layout, bent, insets) for layout, bent, insets in returning if layout is not None)]
     return [route for some in _each(routes, items, executor, should_stop) for route in some]

@@ -16,7 +16,7 @@ import shapely
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.objectives import Evaluation, evaluate_routes
 from uavcover.model.route import Route
-from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, allowed_band_m, finite_heights, lay_over_terrain
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -39,15 +39,18 @@ class SwathLayout:
     start: int = 0
     # how far east and north all lines are moved, for a camera that looks at the ground beside them
     shift_m: tuple[float, float] = (0.0, 0.0)
+    # whether a last line leads back to the first one across the ends of the others, which stop before it; four lines or any
+    # other even number have one, odd numbers end on the other side
+    returns: bool = False
 
 
 def regular_layout(
-    *, angle_rad: float, lines: int, height_agl_m: float, inset: float, tolerance_m: float, start: int = 0
+    *, angle_rad: float, lines: int, height_agl_m: float, inset: float, tolerance_m: float, returns: bool = False
 ) -> SwathLayout:
     """Equal gaps, half of one at both borders, and one height: the plain boustrophedon."""
     gaps = np.ones(lines + 1)
     gaps[[0, -1]] = 0.5
-    return SwathLayout(angle_rad, gaps, np.full(lines, height_agl_m), inset, tolerance_m, start)
+    return SwathLayout(angle_rad, gaps, np.full(lines, height_agl_m), inset, tolerance_m, returns=returns)
 
 
 def angle_of_heading_rad(heading_deg: float) -> float:
@@ -108,29 +111,93 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     Each line runs over the whole extent of the area inside its strip. Concave areas and holes are flown across; a strip
     between two parts of an area that nothing lies in has no line.
     """
-    to_lines = to_lines_frame(layout.angle_rad)
-    borders, west_ends, east_ends = line_extents(site, layout)
-    polyline: list[tuple[float, float]] = []
-    wanted: list[float] = []
-    for west, east, across, height_agl_m in zip(
-        west_ends.tolist(), east_ends.tolist(), borders.tolist(), layout.heights_agl_m.tolist(), strict=True
-    ):
-        if west > east:
-            continue
-        inset = layout.inset * site.scenario.sensor.half_width_m(height_agl_m)
-        # Never past the middle of the line.
-        inset = min(inset, 0.5 * (east - west) - 0.5) if east - west > 1.0 else 0.0
-        ends = [(west + inset, across), (east - inset, across)]
-        polyline.extend(ends if len(polyline) % 4 == 0 else ends[::-1])
-        wanted.extend([height_agl_m] * 2)
-    points = np.array(polyline)
-    heights = np.array(wanted)
-    if layout.start & 1:
-        # The other end of every line first.
-        points = points.reshape(-1, 2, 2)[:, ::-1].reshape(-1, 2)
-    if layout.start & 2:
-        points, heights = points[::-1], heights[::-1]
-    return Route(lay_over_terrain(site, points @ to_lines + layout.shift_m, heights, tolerance_m=layout.tolerance_m))
+    points_m, heights_m = join_lines(*_straight_lines(site, layout), layout)
+    points_m = points_m @ to_lines_frame(layout.angle_rad) + layout.shift_m
+    return Route(lay_over_terrain(site, points_m, heights_m, tolerance_m=layout.tolerance_m))
+
+
+def begun_near_home(site: Site, layout: SwathLayout) -> SwathLayout:
+    """The layout begun where the ways from home and back to it are shortest on the map."""
+    if site.home_m is None:
+        return layout
+    home_m, lines = site.home_m[:2], _straight_lines(site, layout)
+
+    def way_m(start: int) -> float:
+        points_m, _ = join_lines(*lines, dataclasses.replace(layout, start=start))
+        ends_m = points_m[[0, -1]] @ to_lines_frame(layout.angle_rad) + layout.shift_m
+        # Of two ways that are as long, rounding must not choose.
+        return round(float(np.hypot(*(ends_m - home_m).T).sum()), 3)
+
+    return dataclasses.replace(layout, start=min(range(4), key=way_m))
+
+
+def with_return_line(site: Site, layout: SwathLayout) -> SwathLayout | None:
+    """The layout with a return line; none without a home, or where its number of lines has none."""
+    has_one = site.home_m is not None and _has_return_line(len(layout.heights_agl_m))
+    return dataclasses.replace(layout, returns=True) if has_one else None
+
+
+def _has_return_line(lines: int) -> bool:
+    """Whether lines can return to their first one: odd numbers end on the other side, and two are there already."""
+    return lines % 2 == 0 and lines >= _FEWEST_THAT_RETURN
+
+
+def _straight_lines(site: Site, layout: SwathLayout) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+    """For :func:`join_lines`: straight lines, their heights above ground, and how far they stop before the borders."""
+    across, west, east = line_extents(site, layout)
+    flown = west <= east
+    lines_m = np.stack([np.column_stack([ends, across])[flown] for ends in (west, east)], axis=1)
+    heights_agl_m = layout.heights_agl_m[flown]
+    reaches_m = [site.scenario.sensor.half_width_m(float(height)) for height in heights_agl_m]
+    return list(lines_m), heights_agl_m, layout.inset * np.array(reaches_m)
+
+
+def join_lines(
+    lines_m: Sequence[FloatArray],  # each (n, 2) along and across, from one border of the area to the other
+    heights_agl_m: FloatArray,  # (k,) of the lines
+    insets_m: FloatArray,  # (k,) how far they stop before the borders
+    layout: SwathLayout,  # where they begin, and whether they return
+    *,
+    straight_m: float = 0.0,  # how far lines may leave their places on the map to have fewer of them
+) -> tuple[FloatArray, FloatArray]:
+    """Lines flown one after the other: (m, 2) places along and across, and (m,) heights above ground."""
+    count = len(lines_m)
+    returns = layout.returns and _has_return_line(count)
+    apart_m = abs(lines_m[-1][0, 1] - lines_m[0][0, 1]) / max(count - 1, 1)
+    order = range(count)[:: -1 if layout.start & 2 else 1]
+    flown: list[FloatArray] = []
+    way_back: list[FloatArray] = []
+    for place, k in enumerate(order):
+        eastward = ((k + layout.start) % 2 == 0) != bool(layout.start & 2)
+        begin_m = end_m = insets_m[k]
+        if returns:
+            # The return line lies half a gap from the border. It starts where the last line ends.
+            inner = 0 < place < count - 1
+            near_m = insets_m[k] + apart_m if inner else 0.5 * apart_m
+            begin_m, end_m = (near_m, end_m) if place % 2 == 0 else (begin_m, near_m)
+            if inner:
+                line_m = _stopped(lines_m[k], 0.5 * apart_m, 0.5 * apart_m)
+                way_back.append(line_m[0 if eastward == (place % 2 == 0) else -1])
+        line_m = _stopped(lines_m[k], *((begin_m, end_m) if eastward else (end_m, begin_m)))
+        if straight_m > 0.0:
+            line_m = shapely.get_coordinates(shapely.LineString(line_m).simplify(straight_m))
+        flown.append(line_m if eastward else line_m[::-1])
+    heights_m = np.repeat(heights_agl_m[list(order)], [len(line_m) for line_m in flown])
+    if returns:
+        last_m = shapely.LineString([flown[-1][-1], *way_back[::-1]]).simplify(_BACK_STRAIGHT * apart_m)
+        flown.append(shapely.get_coordinates(last_m)[1:])
+        heights_m = np.append(heights_m, np.full(len(flown[-1]), heights_agl_m.mean()))
+    return np.vstack(flown), heights_m
+
+
+def _stopped(line_m: FloatArray, west_m: float, east_m: float) -> FloatArray:
+    """A line that stops before its western and its eastern end, at most half a metre before its middle."""
+    west, east = line_m[0, 0], line_m[-1, 0]
+    most_m = max(0.0, 0.5 * (east - west) - 0.5)
+    west, east = west + min(west_m, most_m), east - min(east_m, most_m)
+    inner = line_m[(line_m[:, 0] > west) & (line_m[:, 0] < east), 0]
+    along = np.concatenate([[west], inner, [east]])
+    return np.column_stack([along, np.interp(along, line_m[:, 0], line_m[:, 1])])
 
 
 def to_lines_frame(angle_rad: float) -> FloatArray:
@@ -173,61 +240,12 @@ def extents_between(edges: FloatArray, strips: FloatArray) -> FloatArray:
     return np.column_stack([west, east])
 
 
-@dataclass(frozen=True, slots=True)
-class NodeRows:
-    """A regular lattice of nodes over the box around the area, in rows from south to north."""
-
-    rows: int  # how many
-    columns: int  # nodes of a row
-    # by how much of the distance between nodes every other row is shifted: 0, or 0.5 for a triangular lattice
-    stagger: float
-    height_share: float  # of the allowed height band at each node, 0..1
-
-
-def fly_rows(site: Site, layout: NodeRows) -> Route:
-    """The route over a lattice; nodes outside the fence are left out."""
-    west, south, east, north = site.area.bounds
-    dx, dy = (east - west) / layout.columns, (north - south) / layout.rows
-    places = []
-    for row in range(layout.rows):
-        shift = layout.stagger * (0.5 if row % 2 else -0.5)
-        x = west + dx * (np.arange(layout.columns) + 0.5 + shift)
-        y = np.full(layout.columns, south + dy * (row + 0.5))
-        places.append(np.column_stack([x, y])[:: -1 if row % 2 else 1])
-    nodes = np.vstack(places)
-    low, high = allowed_band_m(site, nodes)
-    points = finite_heights(np.column_stack([nodes, low + layout.height_share * (high - low)]))
-    if site.scenario.limits.applies_to == "legs" and len(points) > 1:
-        points = lay_over_terrain(site, points[:, :2], site.ground.heights_agl_m(points), tolerance_m=0.0)
-    return Route(points)
-
-
-def plain_rows(site: Site) -> NodeRows:
-    """Adjacent squares, each seen whole from its centre, at the middle of the height band."""
-    limits = site.scenario.limits
-    height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
-    side = math.sqrt(2.0) * max(site.scenario.sensor.half_width_m(height), site.scenario.area.cell_size_m)
-    west, south, east, north = site.area.bounds
-    rows, columns = (max(1, math.ceil(width / side - 1e-9)) for width in (north - south, east - west))
-    return NodeRows(rows, columns, 0.0, 0.5)
-
-
-def scanned_rows(site: Site, *, most_nodes: int) -> Iterator[NodeRows]:
-    """Every rectangular and triangular lattice up to a number of nodes, at five heights.
-
-    Cells are at most twice as long as wide.
-    """
-    west, south, east, north = site.area.bounds
-    aspect = (east - west) / (north - south)
-    for rows in range(1, most_nodes + 1):
-        for columns in range(1, most_nodes // rows + 1):
-            if 0.5 <= columns / (rows * aspect) <= 2.0:
-                for stagger in (0.0, 0.5):
-                    for height_share in (0.0, 0.25, 0.5, 0.75, 1.0):
-                        yield NodeRows(rows, columns, stagger, height_share)
-
-
 BOUSTROPHEDON = "boustrophedon"
+RETURNING = "boustrophedon-returning"
+_FEWEST_THAT_RETURN = 4
+_BACK_STRAIGHT = 0.25
+"""Of the distance between lines: a return line may pass beside their ends by this share."""
+
 TUNED = "boustrophedon-tuned"
 _TUNED_ANGLES = 6
 _TUNED_EDGES = 4
@@ -316,40 +334,49 @@ def fewest_lines(
     """
     site = coverage.site
     least, per_strip = math.inf, 1.0
-    for height, inset, angle in _ways(site, turns):
-        fewest, most = (_lines(site, angle, height, factor) for factor in (_TUNED_LINES[0], _TUNED_LINES[-1]))
+    for height, inset, angle, returns in _ways(site, turns):
+        unit = 2 if returns else 1
+        fewest, most = (
+            math.ceil(_lines(site, angle, height, factor) / unit) for factor in (_TUNED_LINES[0], _TUNED_LINES[-1])
+        )
+        fewest = max(fewest, _FEWEST_THAT_RETURN // 2) if returns else fewest
         below, above, step = fewest - 1, most + 1, 1
-        lines = min(max(_lines(site, angle, height, per_strip), fewest), most)
-        while below < lines < above:
+        count = min(max(math.ceil(_lines(site, angle, height, per_strip) / unit), fewest), most)
+        while below < count < above:
             layout = regular_layout(
-                angle_rad=angle, lines=lines, height_agl_m=height, inset=inset, tolerance_m=PLAIN_TOLERANCE_M
-            )
+                angle_rad=angle, lines=unit * count, height_agl_m=height, inset=inset, tolerance_m=PLAIN_TOLERANCE_M,
+                returns=returns,
+            )  # fmt: skip
             each = _evaluate(coverage, TUNED, [layout], None)[0]
             yield each
             cost = float(each.objectives[2])
             if -float(each.objectives[0]) < goal:
-                below = lines
+                below = count
                 if cost >= least:
                     break
             else:
-                above = lines
+                above = count
                 if each.violation <= 0.0 and cost < least:
-                    least, per_strip = cost, lines / _lines(site, angle, height, 1.0)
+                    least, per_strip = cost, unit * count / _lines(site, angle, height, 1.0)
             if above > most:
-                lines, step = min(below + step, most), 2 * step
+                count, step = min(below + step, most), 2 * step
             elif below < fewest:
                 # Fewer lines cost less in proportion: only so few can be the best.
-                cheaper = math.floor(lines * least / cost) if cost > least else above - step
-                lines, step = max(min(cheaper, above - 1), fewest), 2 * step
+                cheaper = math.floor(count * least / cost) if cost > least else above - step
+                count, step = max(min(cheaper, above - 1), fewest), 2 * step
             else:
-                lines = (below + above) // 2
+                count = (below + above) // 2
 
 
-def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float]]:
-    """Heights above ground, insets and directions of tuned lines: along the long side and across it first."""
+def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float, bool]]:
+    """Heights above ground, insets and directions of tuned lines: along the long side and across it first.
+
+    Where there is a home, lines that return to their beginning follow those that do not.
+    """
+    kinds = (False,) if site.home_m is None else (False, True)
     for height, inset in itertools.product(_tuned_heights(site), reversed(_TUNED_INSETS)):
-        for angle in directions_rad(site)[:most]:
-            yield height, inset, angle
+        for angle, returns in itertools.product(directions_rad(site)[:most], kinds):
+            yield height, inset, angle, returns
 
 
 def directions_rad(site: Site) -> list[float]:
@@ -367,7 +394,7 @@ def directions_rad(site: Site) -> list[float]:
 
 
 def _tuned_heights(site: Site) -> list[float]:
-    """Heights above ground of tuned lines: the one of the widest strip and one between it and the middle of the band."""
+    """Heights above ground of tuned lines: that of the widest strip, and one towards the middle of the band."""
     limits = site.scenario.limits
     best = best_height_agl_m(site)
     middle = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
@@ -377,14 +404,15 @@ def _tuned_heights(site: Site) -> list[float]:
 def _scan(site: Site) -> Iterator[list[SwathLayout]]:
     heights = _tuned_heights(site)
     for angle in directions_rad(site):
-        layouts: dict[tuple[int, float, float], SwathLayout] = {}
-        for height in heights:
-            for factor in _TUNED_LINES:
-                for inset in _TUNED_INSETS:
-                    lines = _lines(site, angle, height, factor)
-                    layouts[lines, height, inset] = regular_layout(
-                        angle_rad=angle, lines=lines, height_agl_m=height, inset=inset, tolerance_m=PLAIN_TOLERANCE_M
-                    )
+        layouts: dict[tuple[int, float, float, bool], SwathLayout] = {}
+        for height, factor, inset in itertools.product(heights, _TUNED_LINES, _TUNED_INSETS):
+            fitting = _lines(site, angle, height, factor)
+            for returns in (False,) if site.home_m is None else (False, True):
+                lines = max(fitting + fitting % 2, _FEWEST_THAT_RETURN) if returns else fitting
+                layouts[lines, height, inset, returns] = regular_layout(
+                    angle_rad=angle, lines=lines, height_agl_m=height, inset=inset, tolerance_m=PLAIN_TOLERANCE_M,
+                    returns=returns,
+                )  # fmt: skip
         yield list(layouts.values())
 
 
@@ -396,8 +424,12 @@ def _lines(site: Site, angle_rad: float, height_agl_m: float, factor: float) -> 
 def _evaluate(
     coverage: CoverageMap, name: str, layouts: list[SwathLayout], executor: Executor | None
 ) -> list[Baseline]:
-    found = evaluated(coverage, name, [fly_layout(coverage.site, layout) for layout in layouts], executor)
-    return [dataclasses.replace(each, layout=layout) for each, layout in zip(found, layouts, strict=True)]
+    begun = [begun_near_home(coverage.site, layout) for layout in layouts]
+    found = evaluated(coverage, name, [fly_layout(coverage.site, layout) for layout in begun], executor)
+    return [
+        dataclasses.replace(each, layout=layout, name=RETURNING if layout.returns else name)
+        for each, layout in zip(found, begun, strict=True)
+    ]
 
 
 def evaluated(coverage: CoverageMap, name: str, routes: Sequence[Route], executor: Executor | None) -> list[Baseline]:

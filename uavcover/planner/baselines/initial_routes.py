@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -16,9 +17,6 @@ from uavcover.planner.baselines.boustrophedon import (
     best_height_agl_m,
     boustrophedons,
     evaluated,
-    fly_rows,
-    plain_rows,
-    scanned_rows,
 )
 from uavcover.planner.baselines.contour_lines import contour_lines
 from uavcover.planner.set_cover import (
@@ -32,7 +30,8 @@ from uavcover.planner.set_cover import (
     searched_cover,
     tour_route,
 )
-from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, allowed_band_m, finite_heights, lay_over_terrain
+from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
 _SPACING_CELLS = 0.25
@@ -182,3 +181,57 @@ def _cover_route(
     if chosen.size == 0:
         return None
     return tour_route(coverage.site, candidates.places_m[chosen], tolerance_m=PLAIN_TOLERANCE_M)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeRows:
+    """A regular lattice of nodes over the box around the area, in rows from south to north."""
+
+    rows: int  # how many
+    columns: int  # nodes of a row
+    # by how much of the distance between nodes every other row is shifted: 0, or 0.5 for a triangular lattice
+    stagger: float
+    height_share: float  # of the allowed height band at each node, 0..1
+
+
+def fly_rows(site: Site, layout: NodeRows) -> Route:
+    """The route over a lattice; nodes outside the fence are left out."""
+    west, south, east, north = site.area.bounds
+    dx, dy = (east - west) / layout.columns, (north - south) / layout.rows
+    places = []
+    for row in range(layout.rows):
+        shift = layout.stagger * (0.5 if row % 2 else -0.5)
+        x = west + dx * (np.arange(layout.columns) + 0.5 + shift)
+        y = np.full(layout.columns, south + dy * (row + 0.5))
+        places.append(np.column_stack([x, y])[:: -1 if row % 2 else 1])
+    nodes = np.vstack(places)
+    low, high = allowed_band_m(site, nodes)
+    points = finite_heights(np.column_stack([nodes, low + layout.height_share * (high - low)]))
+    if site.scenario.limits.applies_to == "legs" and len(points) > 1:
+        points = lay_over_terrain(site, points[:, :2], site.ground.heights_agl_m(points), tolerance_m=0.0)
+    return Route(points)
+
+
+def plain_rows(site: Site) -> NodeRows:
+    """Adjacent squares, each seen whole from its centre, at the middle of the height band."""
+    limits = site.scenario.limits
+    height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    side = math.sqrt(2.0) * max(site.scenario.sensor.half_width_m(height), site.scenario.area.cell_size_m)
+    west, south, east, north = site.area.bounds
+    rows, columns = (max(1, math.ceil(width / side - 1e-9)) for width in (north - south, east - west))
+    return NodeRows(rows, columns, 0.0, 0.5)
+
+
+def scanned_rows(site: Site, *, most_nodes: int) -> Iterator[NodeRows]:
+    """Every rectangular and triangular lattice up to a number of nodes, at five heights.
+
+    Cells are at most twice as long as wide.
+    """
+    west, south, east, north = site.area.bounds
+    aspect = (east - west) / (north - south)
+    for rows in range(1, most_nodes + 1):
+        for columns in range(1, most_nodes // rows + 1):
+            if 0.5 <= columns / (rows * aspect) <= 2.0:
+                for stagger in (0.0, 0.5):
+                    for height_share in (0.0, 0.25, 0.5, 0.75, 1.0):
+                        yield NodeRows(rows, columns, stagger, height_share)

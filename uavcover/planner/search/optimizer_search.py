@@ -279,6 +279,7 @@ class SwathEncoding:
             inset=max(0.0, centre.inset + float(genes[2])),
             tolerance_m=tolerance,
             start=(centre.start + round(2.0 * float(genes[4]))) % 4,
+            returns=centre.returns,
         )
 
     def decode(self, genes: FloatArray) -> Route:

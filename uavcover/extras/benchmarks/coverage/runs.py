@@ -24,15 +24,12 @@ from uavcover.planner.baselines.boustrophedon import (
     TUNED,
     best_height_agl_m,
     fly_layout,
-    fly_rows,
     long_side_angle_rad,
     plain_boustrophedon,
-    plain_rows,
     regular_layout,
-    scanned_rows,
     width_across_m,
 )
-from uavcover.planner.baselines.initial_routes import constructed_routes
+from uavcover.planner.baselines.initial_routes import constructed_routes, fly_rows, plain_rows, scanned_rows
 from uavcover.planner.front import NamedRoute, Snapshots
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M
