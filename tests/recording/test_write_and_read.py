@@ -38,6 +38,18 @@ def test_track_comes_back_exactly(flight: Flight, recorded: Path) -> None:
     assert_equal_tracks(flight.track, read_recorded_track(recorded))
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted by the kernel")
+def test_the_threads_of_a_recording_end_when_the_next_one_begins(flight: Flight, tmp_path: Path) -> None:
+    """Rerun keeps two of its stream and two of its layout, which only rerun can end: 200 flights had more than a thousand."""
+
+    def threads_after(number: int) -> int:
+        write(tmp_path / f"{number}.rrd", flight)
+        return len(os.listdir("/proc/self/task"))
+
+    threads = [threads_after(number) for number in range(6)]
+    assert max(np.diff(threads[1:])) <= 2
+
+
 def test_values_without_a_short_decimal_come_back_exactly(flight: Flight, tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
     n = 50

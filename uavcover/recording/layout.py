@@ -17,6 +17,7 @@ import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
+from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
 from mission_io.data_tables import data_table
 from uavcover.errors import InputError
@@ -182,7 +183,8 @@ def any_value_columns(columns: Mapping[str, NDArray[Any]]) -> rr.ComponentColumn
 
 
 def open_stream(site: "Site", recording_id: str) -> rr.RecordingStream:
-    """A stream for a recording of a scenario."""
+    """A stream for a recording of a scenario. The threads of those that were disconnected before end here."""
+    flush_and_cleanup_orphaned_recordings()
     return rr.RecordingStream(application_id(site), recording_id=recording_id, send_properties=False)
 
 

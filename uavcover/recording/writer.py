@@ -89,6 +89,7 @@ def _written(
         begin_recording(recording, coverage, planned, name=name, span_s=span_s, paths=paths)
         yield recording
         data = memory.drain_as_bytes()
+        recording.disconnect()
     _write_whole(path, data)
 
 
