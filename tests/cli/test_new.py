@@ -166,7 +166,7 @@ def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
     assert ended.code == 2
     assert (
-        "--fill-lakes 130m interpolates the gap, --water-height 0m treats it as the sea; or remove it from the area"
+        "interpolate the gap with --fill-lakes 130m, treat it as the sea with --water-height 0m, exclude it from the area"
         in ended.error
     )
     assert cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m").code == 0
@@ -250,7 +250,10 @@ def test_a_pattern_is_a_scenario_for_each_flight(cli, tennessee, tmp_path, patte
     assert (again.code, "already exists" in again.err) == (2, True)
     planned = cli("plan", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", tmp_path / "run")
     assert planned.code == 2
-    assert f"--pattern: {pattern} is {len(flights)} missions; create their scenarios with uavcover new" in planned.err
+    assert (
+        f"--pattern: {pattern} consists of {len(flights)} missions; create their scenarios with uavcover new"
+        in planned.err
+    )
     assert not (tmp_path / "run").exists()
 
 

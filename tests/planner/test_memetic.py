@@ -139,6 +139,16 @@ def test_the_papers_scenario_with_sixteen_waypoints() -> None:
 # Stopping
 
 
+def test_the_cost_that_is_reported_never_rises() -> None:
+    """The local search began with metres where the objective is time."""
+    seen: list[SearchProgress] = []
+    site = make_site(hills, limits=LIMITS, planner={"objective": "flight-time"})
+    make_plan(site, rule="coverage>=0.99", on_progress=seen.append)
+    costs = [p.least_cost for p in seen if p.least_cost is not None]
+    assert len(costs) > 2
+    assert costs == sorted(costs, reverse=True)
+
+
 @pytest.mark.parametrize("site", [SITES["along-path"], SITES["free-order"]], ids=["along-path", "free-order"])
 def test_stopped_in_the_local_search_the_best_so_far_is_returned(site: Site) -> None:
     seen: list[SearchProgress] = []

@@ -210,7 +210,8 @@ def test_links_in_another_order_are_refused(planned: RunFolder, tmp_path: Path) 
 
     run = copied(planned, tmp_path)
     with pytest.raises(
-        FleetFailedError, match=r"leads to px4, but vehicle 1 is planned for ardupilot; use --to in the order"
+        FleetFailedError,
+        match=r"leads to px4, but vehicle 1 is planned for ardupilot; give the --to options in the order",
     ):
         fly(run, Hangar(2, swapped), Listener())
 

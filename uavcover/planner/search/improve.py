@@ -103,7 +103,7 @@ def improve(
     else:
         pace = PaceByClock(effort.now, run.started + effort.budget_s)
     judging_of = _Judging(site, judging, judges, problem, tuned, run.executor, [])
-    progress = _Progress(coverage, starts, pace, effort, evaluations_done, asked, run.on_progress)
+    progress = _Progress(coverage, problem, starts, pace, effort, evaluations_done, asked, run.on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
     generators = [np.random.default_rng(seed) for seed in seeds]
 
@@ -220,14 +220,14 @@ class _Progress:
     """Reports the incumbent of a search after each batch."""
 
     def __init__(
-        self, coverage: CoverageMap, starts: Sequence[SearchStart], pace: SearchPace, effort: Effort, evaluations_done: int,
-        asked: float | None, on_progress: Callable[[SearchProgress], None],
+        self, coverage: CoverageMap, problem: RouteProblem, starts: Sequence[SearchStart], pace: SearchPace, effort: Effort,
+        evaluations_done: int, asked: float | None, on_progress: Callable[[SearchProgress], None],
     ) -> None:  # fmt: skip
         self._coverable = coverage.share(coverage.coverable)
         self._pace, self._effort, self._done = pace, effort, evaluations_done
         self._asked, self._on_progress = asked, on_progress
         self._best = max(start.seen for start in starts) * self._coverable
-        enough = [] if asked is None else [start.route.length_m for start in starts if start.seen >= asked]
+        enough = [] if asked is None else [problem.cost_of_way(start.route) for start in starts if start.seen >= asked]
         self._shortest = min(enough, default=None)
 
     def report(self, proposals: int, chains: Sequence[Chain]) -> None:
