@@ -117,7 +117,7 @@ def test_interrupt_brings_it_home(cli: Cli, planned: Path) -> None:
 def test_second_interrupt_leaves_it_holding(cli: Cli, planned: Path) -> None:
     with in_the_air(cli, planned) as process:
         process.send_signal(signal.SIGINT)
-        wait_for_line(process, "commanded to hold")
+        wait_for_line(process, "commanding the vehicle to hold")
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130, err

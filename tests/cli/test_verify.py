@@ -183,7 +183,7 @@ def torn(flown: Path) -> Path:
 
 def test_a_gap_mission_is_flown_and_both_tracks_reach_the_plan(cli: Cli, torn: Path) -> None:
     before = cli("verify", torn, "--json").document
-    assert before["coverage_fraction"] < before["planned_coverage_fraction"] - 0.01
+    assert before["coverage_fraction"] < before["planned_coverage_fraction"] - 0.001
     planned = before["planned_coverage_fraction"]
     answer = cli("gaps", torn, "--target", planned, "--json")
     assert answer.code == 0
@@ -333,7 +333,7 @@ def test_no_mission_in_the_air_for_a_vehicle_on_the_ground(cli: Cli, torn: Path)
     assert "gap_mission.waypoints" not in files(torn)
     ended = cli("gaps", torn, "--start", "here")
     assert ended.code == 2
-    assert "--start: 'here'" in ended.error
+    assert "--start: must be home or last, not 'here'" in ended.error
 
 
 @pytest.mark.parametrize(("option", "value"), [("--target", 1.5), ("--target", 0.0), ("--min-area", -1.0)])

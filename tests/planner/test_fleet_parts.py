@@ -142,7 +142,7 @@ def test_what_a_lost_vehicle_leaves_of_its_part_is_taken_over(planned: RunFolder
 
     with pytest.raises(FleetFailedError):
         fly(run, Hangar(2, make), user)
-    assert any("vehicle 1 takes over the remaining part of sortie" in line for line in user.lines)
+    assert any("vehicle 1 flies the remaining part of sortie" in line for line in user.lines)
     document = judged(run)
     assert document["coverage_fraction"] >= 0.98 * document["planned_coverage_fraction"]
 

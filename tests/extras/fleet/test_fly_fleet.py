@@ -245,7 +245,7 @@ def test_the_plan_is_for_another_number_of_vehicles(planned: RunFolder, tmp_path
         planned_jobs(run, 3)
     document["sorties"][0]["vehicle"] = 7
     run.file("plan.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"the vehicles of the sorties must be numbered 1 to 2"):
+    with pytest.raises(InputError, match=r"the sorties' vehicles must be 1 to 2"):
         planned_jobs(run, 2)
     document["sorties"][0]["takeoff_s"] = None
     run.file("plan.json").write_text(json.dumps(document))
