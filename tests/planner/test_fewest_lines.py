@@ -62,7 +62,7 @@ def test_what_is_not_taken_is_left_for_later() -> None:
     coverage = planning_map(site)
     tuned, stops = fewest_lines(coverage, 0.95), iter([False, False, True])
     early = boustrophedons(coverage, should_stop=lambda: next(stops), tuned=tuned)
-    assert [each.name for each in early] == ["boustrophedon", "boustrophedon-tuned", "boustrophedon-returning"]
+    assert [each.name for each in early] == ["boustrophedon", "boustrophedon-tuned", "boustrophedon-return"]
     late = taken(tuned, lambda: False)
     whole = list(fewest_lines(coverage, 0.95))
     assert len(early) - 1 + len(late) == len(whole)

@@ -216,7 +216,7 @@ def test_the_scan_starts_with_the_plain_one_and_stops_when_told() -> None:
     stopped = boustrophedons(coverage, should_stop=lambda: True)
     assert [b.name for b in stopped] == ["boustrophedon"]
     everything = boustrophedons(coverage)
-    assert {b.name for b in everything} == {"boustrophedon", "boustrophedon-tuned", "boustrophedon-returning"}
+    assert {b.name for b in everything} == {"boustrophedon", "boustrophedon-tuned", "boustrophedon-return"}
     assert all(b.violation == 0.0 for b in everything)
     np.testing.assert_array_equal(everything[0].objectives, stopped[0].objectives)
 

@@ -67,7 +67,7 @@ def test_the_joined_route_is_judged_as_any_plan(plan_of_large: Plan) -> None:
         fine.seen(plan.chosen.route.waypoints_m)
     )
     assert {member.origin for member in plan.baselines} == {
-        "boustrophedon", "boustrophedon-tuned", "boustrophedon-returning",
+        "boustrophedon", "boustrophedon-tuned", "boustrophedon-return",
     }  # fmt: skip
 
 

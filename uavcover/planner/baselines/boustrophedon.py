@@ -241,7 +241,7 @@ def extents_between(edges: FloatArray, strips: FloatArray) -> FloatArray:
 
 
 BOUSTROPHEDON = "boustrophedon"
-RETURNING = "boustrophedon-returning"
+RETURNING = "boustrophedon-return"
 _FEWEST_THAT_RETURN = 4
 _BACK_STRAIGHT = 0.25
 """Of the distance between lines: a return line may pass beside their ends by this share."""
