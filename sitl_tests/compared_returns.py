@@ -58,7 +58,7 @@ def compare(case: FailsafeCase, flown: Flown, *, flat: bool) -> Compared:
     if case.autopilot == "px4":
         shares.append(max(1.0, SPEED_M_S / max(math.hypot(vx, vy), 1.0)))
     for share in shares:
-        ways = predicted(case, flown.place_m, (share * vx, share * vy), flat=flat)
+        ways = predicted(case, flown.place_m, (share * vx, share * vy), flown.leg, flat=flat)
         found += [_compared(case, flown, paths) for paths in ways]
     return min(found, key=lambda one: max(one.off_m, one.left_out_m))
 

@@ -257,6 +257,12 @@ def first_seq_of(case: FailsafeCase, leg: int) -> int:
     return leg + 2 + marker + (1 if AUTOPILOTS[case.autopilot].home_in_item_0 else 0)
 
 
+def leg_of(case: FailsafeCase, seq: int) -> int:
+    """Waypoint of the route that a vehicle flies to, of the wire number of its current item; one more is where it ends."""
+    legs = len(case.route_m)
+    return next((leg for leg in range(legs) if seq <= first_seq_of(case, leg)), legs)
+
+
 def rally_of(case: FailsafeCase) -> RallyPoints:
     """The rally points as they are uploaded."""
     points = []
@@ -274,15 +280,15 @@ def _waypoint(point: Point):  # type: ignore[no-untyped-def]
 
 
 def predicted(
-    case: FailsafeCase, place_m: Point, velocity_m_s: tuple[float, float], *, flat: bool
+    case: FailsafeCase, place_m: Point, velocity_m_s: tuple[float, float], leg: int, *, flat: bool
 ) -> list[FailsafePaths]:
-    """The paths from a moment; on flat ground, as simulators have it, or on the case's terrain."""
+    """The paths from a moment of a leg; on flat ground, as simulators have it, or on the case's terrain."""
     settings = failsafe_settings(case.autopilot, case.all_parameters)
     up = case.route_m[0][2]
     route = np.array([(0.0, 0.0, up), *case.route_m, (*case.lands_at_m, up)])
     landing = case.landing if case.autopilot == "px4" else None
     to = Destinations(np.zeros(3), np.array([point for point, _ in case.rally]).reshape(-1, 3), route, landing=landing)
-    states = FlightStates(np.array([place_m]), np.array([velocity_m_s]), np.zeros(1), np.array([case.leg + 1]))
+    states = FlightStates(np.array([place_m]), np.array([velocity_m_s]), np.zeros(1), np.array([leg + 1]))
     ground = (lambda en: np.zeros(len(en))) if flat else case.terrain.heights_m
     paths = predict(settings, states, to, ground)
     return [one for one in paths if any(_is_of(response, case) for response in one.responses)]
@@ -305,6 +311,7 @@ class Flown:
     Attributes:
         place_m: where it was then.
         velocity_m_s: how fast.
+        leg: waypoint of the route that it flew to; the number of waypoints on the way to its end.
         track_m: (n, 3) from then on.
         crashed: whether it hit the ground.
         version: what flew.
@@ -312,6 +319,7 @@ class Flown:
 
     place_m: Point
     velocity_m_s: tuple[float, float]
+    leg: int
     track_m: FloatArray
     crashed: bool = False
     version: str = "mock"
@@ -343,9 +351,10 @@ def fly_on_mock(case: FailsafeCase) -> Flown:
     if not is_px4:
         vehicle.control.set_mode(Mode.MISSION)
         vehicle.control.start_mission()
-    now, since_s, beaten_s, triggered = 5.0, math.inf, -math.inf, False
+    now, since_s, beaten_s, triggered, seq = 5.0, math.inf, -math.inf, False, 0
     while vehicle.mode is Mode.MISSION and now < _LONGEST_S:
         now += _TICK_S
+        seq = vehicle.current_seq
         if (not triggered or case.trigger != "ground station") and now >= beaten_s + 1.0:
             vehicle.receive(m.Received(m.Heartbeat(8, 6), 255, 190), now)
             beaten_s = now
@@ -368,4 +377,4 @@ def fly_on_mock(case: FailsafeCase) -> Flown:
         vehicle.advance(now)
         still_s = still_s + _TICK_S if math.dist(track[-1], body.point.position_m) < 0.005 else 0.0
         track.append(body.point.position_m)
-    return Flown(place, (vx, vy), np.array(track), body.crashed)
+    return Flown(place, (vx, vy), leg_of(case, seq), np.array(track), body.crashed)

@@ -37,6 +37,7 @@ from sitl_tests.returns import (
     FailsafeCase,
     Flown,
     first_seq_of,
+    leg_of,
     fly_on_mock,
     make_case,
     make_way_case,
@@ -118,7 +119,7 @@ def _fly(
         lambda: station.client.vehicle.custom_mode != auto or _speaks(station, heard), within_s=60.0,
         what="no failsafe comes",
     )  # fmt: skip
-    begun = len(path.enu_m) - 1
+    begun, leg = len(path.enu_m) - 1, leg_of(case, station.monitor.current_seq)
     velocity = np.diff(path.enu_m[begun - 2 : begun + 1 : 2], axis=0)[0] / (
         path.times_s[begun] - path.times_s[begun - 2]
     )
@@ -135,7 +136,11 @@ def _fly(
 
     station.wait(is_over, within_s=2.0 * _FLIGHT_S, what="it does not come to an end")
     return Flown(
-        path.enu_m[begun], (float(velocity[0]), float(velocity[1])), np.array(path.enu_m[begun:]), version=version
+        path.enu_m[begun],
+        (float(velocity[0]), float(velocity[1])),
+        leg,
+        np.array(path.enu_m[begun:]),
+        version=version,
     )
 
 
@@ -183,15 +188,23 @@ def flown_row(name: str, seed: int, folder: Path, *, ways: bool) -> dict[str, An
     if kept_track.exists():
         with np.load(kept_track) as kept:
             east, north, up, v_east, v_north = (float(value) for value in kept["start"])
+            track, leg = kept["track"], int(kept["leg"])
             flown = Flown(
-                (east, north, up), (v_east, v_north), kept["track"], bool(kept["crashed"]), str(kept["version"])
+                (east, north, up), (v_east, v_north), leg, track, bool(kept["crashed"]), str(kept["version"])
             )
     else:
         logs = folder / "logs" / what
         shutil.rmtree(logs, ignore_errors=True)  # of a flight that was interrupted
         flown = fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, logs)
         start = [*flown.place_m, *flown.velocity_m_s]
-        np.savez_compressed(kept_track, track=flown.track_m, start=start, crashed=flown.crashed, version=flown.version)
+        np.savez_compressed(
+            kept_track,
+            track=flown.track_m,
+            start=start,
+            leg=flown.leg,
+            crashed=flown.crashed,
+            version=flown.version,
+        )
     compared = compare(case, flown, flat=name != "mock")
     row = {
         "simulator": name, "seed": seed, "autopilot": autopilot, "trigger": case.trigger, "rally_points": len(case.rally),
