@@ -37,8 +37,8 @@ from sitl_tests.returns import (
     FailsafeCase,
     Flown,
     first_seq_of,
-    leg_of,
     fly_on_mock,
+    leg_of,
     make_case,
     make_way_case,
     mission_of,
@@ -189,9 +189,7 @@ def flown_row(name: str, seed: int, folder: Path, *, ways: bool) -> dict[str, An
         with np.load(kept_track) as kept:
             east, north, up, v_east, v_north = (float(value) for value in kept["start"])
             track, leg = kept["track"], int(kept["leg"])
-            flown = Flown(
-                (east, north, up), (v_east, v_north), leg, track, bool(kept["crashed"]), str(kept["version"])
-            )
+            flown = Flown((east, north, up), (v_east, v_north), leg, track, bool(kept["crashed"]), str(kept["version"]))
     else:
         logs = folder / "logs" / what
         shutil.rmtree(logs, ignore_errors=True)  # of a flight that was interrupted

@@ -1,3 +1,5 @@
+import itertools
+
 import numba
 import numpy as np
 import pytest
@@ -70,3 +72,16 @@ def test_within_one_percent_of_lkh(n):
     closed = elkai.DistanceMatrix(np.rint(units).astype(int).tolist()).solve_tsp(runs=3)[:-1]
     at = closed.index(n)
     assert naive.length(points, short_tour(points)) <= 1.01 * naive.length(points, closed[at + 1 :] + closed[:at])
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 7])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_few_points_are_visited_in_the_best_of_all_orders_from_home_and_back(seed, n):
+    points, home = some_points(seed, n), np.array([-3.0, 14.0, 500.0])
+
+    def from_home_and_back(order):
+        ends = np.array([points[order[0]], points[order[-1]]])[:, :2]
+        return naive.length(points, order) + np.hypot(*(ends - home[:2]).T).sum()
+
+    best = min(from_home_and_back(list(order)) for order in itertools.permutations(range(n)))
+    assert from_home_and_back(short_tour(points, home)) == pytest.approx(best)

@@ -1,18 +1,31 @@
 """Rows of nodes for sensors that look from waypoints."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
+import shapely
 
 from tests.planner.sites import flat, hills, make_site
 from uavcover.missions.leg_checks import measure_violations
-from uavcover.model.sensor import DiscSensor, SphereSensor
-from uavcover.planner.baselines.initial_routes import NodeRows, fly_rows, plain_rows, scanned_rows
+from uavcover.model.scenario import PlannerSettings
+from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
+from uavcover.planner.baselines.boustrophedon import best_height_agl_m
+from uavcover.planner.baselines.initial_routes import (
+    NODE_LINES,
+    NodeRows,
+    constructed_routes,
+    fly_rows,
+    node_lines,
+    plain_rows,
+    scanned_rows,
+)
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap
 
+LARGE = ((0.0, 0.0), (900.0, 0.0), (900.0, 700.0), (0.0, 700.0))
 DISC = DiscSensor(kind="disc", radius_m=50.0, sensing="at-waypoints")
 
 
@@ -70,3 +83,69 @@ def test_the_scan_is_of_sensible_lattices_each_once() -> None:
     assert max(one.rows * one.columns for one in layouts) == 40
     assert {(one.rows, one.columns) for one in layouts} >= {(1, 1), (1, 2), (6, 6), (5, 8)}
     assert not [one for one in layouts if one.columns > 2 * one.rows or one.rows > 2 * one.columns]
+
+
+def photos(**pose: float) -> FrameCamera:
+    return FrameCamera(
+        kind="frame-camera", fov_across_deg=70.0, fov_along_deg=50.0, range_m=300.0, sensing="at-waypoints",
+        mount="stabilised", **pose,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [photos(heading_deg=0.0), photos(heading_deg=300.0), photos(heading_deg=30.0, pitch_deg=-75.0), DISC],
+)
+def test_lines_of_nodes_see_flat_ground_first_all_then_ever_less(sensor: Sensor) -> None:
+    site = make_site(flat, sensor=sensor, ring=LARGE)
+    coverage = CoverageMap(site, cell_size_m=10.0)
+    shares = np.array([coverage.share(coverage.seen(route.waypoints_m)) for route in node_lines(site)])
+    # A tilted camera's photo is narrower near its lower side.
+    assert shares[0] >= (0.99 if not isinstance(sensor, FrameCamera) or sensor.pitch_deg == -90.0 else 0.93)
+    assert 0.4 < shares[-1] < 0.9 * shares[0]
+
+
+def test_lines_of_photos_are_as_far_apart_as_a_photo_is_wide() -> None:
+    site = make_site(flat, sensor=photos(heading_deg=0.0))
+    height_m = best_height_agl_m(site)
+    width_m, length_m = (2.0 * height_m * math.tan(math.radians(half)) for half in (35.0, 25.0))
+    fewest = math.ceil(300.0 / width_m), math.ceil(200.0 / length_m)
+    east, north = next(iter(node_lines(site))).waypoints_m[:, :2].T
+    assert (len(np.unique(east.round(3))), len(np.unique(north.round(3)))) == fewest
+
+
+def test_nodes_are_where_the_area_is() -> None:
+    hole = ((60.0, 40.0), (240.0, 40.0), (240.0, 160.0), (60.0, 160.0))
+    site = make_site(flat, sensor=DiscSensor(kind="disc", radius_m=15.0, sensing="at-waypoints"), holes=(hole,))
+    inside = shapely.Polygon(hole).buffer(-25.0)
+    for route in node_lines(site):
+        assert not shapely.contains_xy(inside, route.waypoints_m[:, :2]).any()
+
+
+def test_a_search_begins_with_lines_of_nodes_only_where_photos_are_taken_at_waypoints_of_a_path() -> None:
+    settings = PlannerSettings(algorithm="memetic")
+    for sensor, applies_to, expected in (
+        (photos(heading_deg=0.0), "legs", True),
+        (photos(heading_deg=0.0), "waypoints", False),
+        (NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0), "legs", False),
+    ):
+        site = make_site(flat, sensor=sensor, limits={"applies_to": applies_to})
+        coverage = CoverageMap(site, cell_size_m=20.0)
+        found = constructed_routes(coverage, settings, asked=0.9, executor=None, left_s=lambda: math.inf)
+        assert (NODE_LINES in {each.name for each in found}) is expected
+
+
+def test_without_time_there_is_one_route_of_nodes() -> None:
+    site = make_site(flat, sensor=photos(heading_deg=0.0))
+    coverage = CoverageMap(site, cell_size_m=20.0)
+    found = constructed_routes(coverage, PlannerSettings(), asked=0.9, executor=None, left_s=lambda: 0.0)
+    assert [each.name for each in found].count(NODE_LINES) == 1
+
+
+def test_a_cover_of_what_is_asked_follows_the_cover_of_all() -> None:
+    site = make_site(flat, sensor=photos(heading_deg=0.0), ring=LARGE)
+    coverage = CoverageMap(site, cell_size_m=25.0)
+    found = constructed_routes(coverage, PlannerSettings(), asked=0.8, executor=None, left_s=lambda: math.inf)
+    whole, some = (each for each in found if each.name == "set-cover")
+    assert len(some.route) < len(whole.route)
+    assert 0.8 <= -some.objectives[0] / coverage.share(coverage.coverable) < 0.95

@@ -17,7 +17,8 @@ from uavcover.kernels import set_cover as kernels
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.set_cover import search_cover
 from uavcover.kernels.sight import Sight, horizontal_reach
-from uavcover.kernels.tours import short_tour
+from uavcover.kernels.tours import FREE_ENDS, short_tour
+from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route
 from uavcover.planner.terrain_following import allowed_band_m, lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
@@ -349,6 +350,12 @@ def cut_down(candidates: Candidates, chosen: NDArray[np.int64], most: int) -> ND
     return kernels.drop_needless(candidates.start, candidates.cells, candidates.weight, chosen, np.inf, most)
 
 
+def thinned(candidates: Candidates, chosen: NDArray[np.int64], coverage: float) -> NDArray[np.int64]:
+    """The chosen candidates without those that see least alone, as long as the others reach a share of what can be covered."""
+    table = (candidates.start, candidates.cells, candidates.weight)
+    return kernels.drop_needless(*table, chosen, coverage, chosen.size)
+
+
 def _greedy(reduced: Reduced, coverage: float) -> NDArray[np.int64]:
     enough = min(coverage, reduced.reachable) - _ROUNDING
     places = reduced.numbers.size
@@ -359,12 +366,15 @@ def _greedy(reduced: Reduced, coverage: float) -> NDArray[np.int64]:
 def tour_route(site: Site, places_m: FloatArray, *, tolerance_m: float) -> Route:
     """A short route through all of (k, 3) points, begun at the end nearer to home, or to the origin without one.
 
+    Where the mission counts, the ways from home and back count as well.
+
     Args:
         site: the scenario on its ground.
         places_m: ENU.
         tolerance_m: how far the straight legs may leave the wanted height above ground, where they are laid over the terrain.
     """
-    points = places_m[short_tour(places_m)]
+    home_m = FREE_ENDS if site.home_m is None or way_cost_of(site).mission == 0 else site.home_m
+    points = places_m[short_tour(places_m, home_m)]
     reference = np.zeros(3) if site.home_m is None else site.home_m
     if len(points) and np.linalg.norm(points[-1] - reference) < np.linalg.norm(points[0] - reference):
         points = points[::-1]

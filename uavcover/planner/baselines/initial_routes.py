@@ -4,19 +4,24 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
+import shapely
 
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.model.route import Route
 from uavcover.model.scenario import InitialRoute, PlannerSettings
 from uavcover.planner.baselines.boustrophedon import (
     TUNED,
     Baseline,
+    angle_of_heading_rad,
     best_height_agl_m,
     boustrophedons,
+    directions_rad,
     evaluated,
+    to_lines_frame,
 )
 from uavcover.planner.baselines.contour_lines import contour_lines
 from uavcover.planner.set_cover import (
@@ -28,6 +33,7 @@ from uavcover.planner.set_cover import (
     level_candidates,
     reduce,
     searched_cover,
+    thinned,
     tour_route,
 )
 from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, allowed_band_m, finite_heights, lay_over_terrain
@@ -46,6 +52,10 @@ _FIRST_PLACES, _FINER, _LONGER = 1_000, 8, 5.0
 
 _SPACING_REACHES = 0.4
 """Lattice spacing for sensing along the path, which covers more than its waypoints do."""
+
+NODE_LINES = "node-lines"
+_THINNER, _DIRECTIONS = (1.0, 1.07, 1.15, 1.25, 1.4), 2
+"""Multiples of the distances of nodes that leave no gap on flat ground, and directions of lines."""
 
 _STEPS, _FEW_STEPS = 20_000, 1_000
 """Exchanges of a searched cover; few where no time is left."""
@@ -68,7 +78,7 @@ def constructed_routes(
 
     Lines in swaths are always there where these are the encoding: it is counted from the best of them.
     """
-    names = initial_names(coverage, settings)
+    names, sensor = initial_names(coverage, settings), coverage.site.scenario.sensor
     found: list[Baseline] = []
 
     def should_stop() -> bool:
@@ -77,6 +87,8 @@ def constructed_routes(
     if "boustrophedon" in names:
         if settings.encoding == "swaths":
             found += boustrophedons(coverage, executor, should_stop, tuned)
+            if not sensor.looks_along_path and coverage.site.scenario.limits.applies_to == "legs":
+                found += _node_lines(coverage, should_stop)
         else:
             found += _rows(coverage, settings, executor, should_stop)
     if "contour-lines" in names:
@@ -106,9 +118,12 @@ def _cover_routes(
         candidates = _candidates(coverage, count)
         reduced = reduce(candidates)
         steps = _STEPS if before_s > 0.0 else _FEW_STEPS
-        routes = [(name, _cover_route(coverage, candidates, reduced, name, settings, asked, steps)) for name in names]
+        made = [
+            (name, route)
+            for name in names
+            for route in _cover_routes_on(coverage, candidates, reduced, name, settings, asked, steps)
+        ]
         used_s = before_s - left_s()
-        made = [(name, route) for name, route in routes if route is not None]
         if count >= most or (made and _LONGER * used_s > left_s()):
             return made
         count = min(most, _FINER * count)
@@ -162,7 +177,7 @@ def _candidates(coverage: CoverageMap, most: int) -> Candidates:
     return level_candidates(coverage, spacing_m=_SPACING_REACHES * reach_m, height_agl_m=height_agl_m)
 
 
-def _cover_route(
+def _cover_routes_on(
     coverage: CoverageMap,
     candidates: Candidates,
     reduced: Reduced,
@@ -170,17 +185,112 @@ def _cover_route(
     settings: PlannerSettings,
     asked: float,
     steps: int,
-) -> Route | None:
-    """The route of one set cover; None if no place sees anything."""
+) -> list[Route]:
+    """The route of one set cover, and that of the part of it which reaches the required coverage."""
     if name == "greedy-set-cover":
         chosen = greedy_cover(reduced, asked)
     else:
         chosen = searched_cover(reduced, steps=steps, rng=np.random.default_rng([settings.seed, _STREAM]))
     if settings.encoding == "waypoints":
         chosen = cut_down(candidates, chosen, settings.capacity)
-    if chosen.size == 0:
-        return None
-    return tour_route(coverage.site, candidates.places_m[chosen], tolerance_m=PLAIN_TOLERANCE_M)
+    kinds = {each.size: each for each in (chosen, thinned(candidates, chosen, asked)) if each.size > 0}
+    return [
+        tour_route(coverage.site, candidates.places_m[each], tolerance_m=PLAIN_TOLERANCE_M) for each in kinds.values()
+    ]
+
+
+def _node_lines(coverage: CoverageMap, should_stop: Callable[[], bool]) -> list[Baseline]:
+    """The lines of nodes evaluated, the closest ones first; the first one in any time."""
+    found: list[Baseline] = []
+    for route in node_lines(coverage.site):
+        found += evaluated(coverage, NODE_LINES, [route], None)
+        if should_stop():
+            break
+    return found
+
+
+def node_lines(site: Site) -> Iterator[Route]:
+    """Routes of nodes in lines over the area: those that see all of flat ground, then thinner ones.
+
+    Each is flown line by line, begun near home, and on a short tour. Lines of photos with a fixed heading run along their sides,
+    and are as far apart as a photo is wide.
+    """
+    height_agl_m, known = best_height_agl_m(site), set[bytes]()
+    for thinner in _THINNER:
+        for lattice in _lattices(site, height_agl_m):
+            lines = _nodes(site, lattice, thinner)
+            nodes = np.vstack(lines)
+            if nodes.tobytes() in known:
+                continue
+            known.add(nodes.tobytes())
+            by_line = _line_by_line(site, lines)
+            heights = np.full(len(by_line), height_agl_m)
+            yield Route(lay_over_terrain(site, by_line, heights, tolerance_m=PLAIN_TOLERANCE_M))
+            places = finite_heights(np.column_stack([nodes, site.ground.ups_m(nodes, height_agl_m)]))
+            yield tour_route(site, places, tolerance_m=PLAIN_TOLERANCE_M)
+
+
+@dataclass(frozen=True, slots=True)
+class _Lattice:
+    """Distances of nodes that see all of flat ground."""
+
+    angle_rad: float  # direction of the lines, counter-clockwise from east
+    apart_m: float  # of the lines
+    spacing_m: float  # of the nodes on a line
+    staggered: bool = False  # whether every other line is shifted by half of that
+    shift_m: tuple[float, float] = (0.0, 0.0)  # east and north, for a camera that looks at the ground beside them
+
+
+def _lattices(site: Site, height_agl_m: float) -> list[_Lattice]:
+    sensor = site.scenario.sensor
+    picture = sensor.flat_picture(height_agl_m)
+    if picture is None or sensor.heading_deg is None:
+        reach_m = max(sensor.half_width_m(height_agl_m), site.scenario.area.cell_size_m)
+        square_m, triangle_m = math.sqrt(2.0) * reach_m, math.sqrt(3.0) * reach_m
+        kinds = ((square_m, square_m, False), (1.5 * reach_m, triangle_m, True))
+        return [_Lattice(angle, *kind) for angle in directions_rad(site)[:_DIRECTIONS] for kind in kinds]
+    width_m, length_m = 2.0 * picture.half_width_m, picture.length_m
+    along, ahead_m = angle_of_heading_rad(sensor.heading_deg), 0.5 * (picture.near_m + picture.far_m)
+    heading = math.radians(sensor.heading_deg)
+    shift_m = (-ahead_m * math.sin(heading), -ahead_m * math.cos(heading))
+    return [
+        _Lattice(along, width_m, length_m, shift_m=shift_m),
+        _Lattice(along + 0.5 * math.pi, length_m, width_m, shift_m=shift_m),
+    ]
+
+
+def _nodes(site: Site, lattice: _Lattice, thinner: float) -> list[FloatArray]:
+    """(k, 2) nodes of each line, evenly over what its strip has of the area."""
+    turn = to_lines_frame(lattice.angle_rad)
+    area = shapely.transform(site.area, lambda places: places @ turn.T)
+    west, south, east, north = area.bounds
+    borders = np.linspace(south, north, math.ceil((north - south) / (thinner * lattice.apart_m) - 1e-9) + 1)
+    lines = []
+    for number, (low, high) in enumerate(pairwise(borders.tolist())):
+        parts = shapely.get_parts(shapely.intersection(area, shapely.box(west, low, east, high)))
+        along = []
+        for begin, _, end, _ in sorted(shapely.bounds(parts[shapely.area(parts) > 0.0]).tolist()):
+            count = max(1, math.ceil((end - begin) / (thinner * lattice.spacing_m) - 1e-9))
+            shares = (np.arange(count) + 0.5) / count
+            if lattice.staggered and number % 2 == 1:
+                shares = np.arange(count + 1) / count
+            along.append(begin + (end - begin) * shares)
+        if along:
+            places = np.concatenate(along)
+            lines.append(np.column_stack([places, np.full(len(places), 0.5 * (low + high))]) @ turn + lattice.shift_m)
+    return lines
+
+
+def _line_by_line(site: Site, lines: Sequence[FloatArray]) -> FloatArray:
+    """(n, 2) nodes back and forth, in that of the four ways whose ends are nearest to home, or to the origin without one."""
+    home_m = np.zeros(2) if site.home_m is None else site.home_m[:2]
+    ways = [
+        np.vstack([line[:: -1 if (k + first) % 2 else 1] for k, line in enumerate(lines[::order])])
+        for order in (1, -1)
+        for first in (0, 1)
+    ]
+    # Of two ways that are as long, rounding must not choose.
+    return min(ways, key=lambda way_m: round(float(np.hypot(*(way_m[[0, -1]] - home_m).T).sum()), 3))
 
 
 @dataclass(frozen=True, slots=True)
