@@ -239,6 +239,7 @@ class Autopilot:
     # whether items of a list can be written over, the others being left as they are (MISSION_WRITE_PARTIAL_LIST)
     takes_parts: bool
     lists_as_files: bool  # whether its lists are files too, as ``mission_io.formats.wpl`` has them
+    fences_cross_180: bool  # whether a fence polygon may cross the 180th meridian (PX4: insidePolygonUpdateState)
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
         """The storage rule for a field of an item, if any."""
@@ -287,6 +288,7 @@ ARDUPILOT = Autopilot(
     has_list_ids=False,
     takes_parts=True,
     lists_as_files=True,
+    fences_cross_180=True,
 )
 """ArduPilot on multicopters and helicopters (ArduCopter)."""
 
@@ -341,6 +343,7 @@ PX4 = Autopilot(
     has_list_ids=True,
     takes_parts=False,
     lists_as_files=False,
+    fences_cross_180=False,
 )
 """PX4."""
 

@@ -193,7 +193,7 @@ def check_for_autopilot(
     for number, item in enumerate(items):
         problems.extend(Problem(number, name, what) for name, what in _item_problems(item, autopilot, len(items)))
     if mission_type is not MissionType.MISSION:
-        problems.extend(_list_problems(items, mission_type))
+        problems.extend(_list_problems(items, mission_type, autopilot))
     return tuple(problems)
 
 
@@ -235,14 +235,15 @@ def fence_problems(fence: Fence) -> tuple[str, ...]:
             or len(polygon.vertices) < 3
         ):
             continue  # the items say so themselves
-        ring = shapely.Polygon([(vertex.lon_deg, vertex.lat_deg) for vertex in polygon.vertices])
+        west_deg = polygon.vertices[0].lon_deg  # longitudes from here, so that a ring may cross the 180th meridian
+        ring = shapely.Polygon([(math.remainder(v.lon_deg - west_deg, 360.0), v.lat_deg) for v in polygon.vertices])
         if not ring.is_valid:
             reason = shapely.is_valid_reason(ring).split("[")[0].strip().lower()
             found.append(f"fence polygon {number} crosses or touches itself ({reason}); draw it again")
     return tuple(found)
 
 
-def _list_problems(items: Sequence[MissionItem], mission_type: MissionType) -> Iterator[Problem]:
+def _list_problems(items: Sequence[MissionItem], mission_type: MissionType, autopilot: Autopilot) -> Iterator[Problem]:
     try:
         if mission_type is MissionType.RALLY:
             rally_from_items(items)
@@ -252,6 +253,11 @@ def _list_problems(items: Sequence[MissionItem], mission_type: MissionType) -> I
         yield Problem(None, "", str(error))
         return
     yield from (Problem(None, "", what) for what in fence_problems(fence))
+    for number, polygon in enumerate(fence.polygons):
+        lon_deg = [vertex.lon_deg for vertex in polygon.vertices]
+        if not autopilot.fences_cross_180 and max(lon_deg) - min(lon_deg) > 180.0:
+            what = f"fence polygon {number} crosses the 180th meridian, but {autopilot.name} compares longitudes as numbers"
+            yield Problem(None, "", f"{what}; keep the fence on one side of it")
 
 
 def _item_problems(item: MissionItem, autopilot: Autopilot, count: int) -> list[tuple[str, str]]:

@@ -334,6 +334,16 @@ def test_a_bad_fence_is_found_on_our_side(name: str, what: str) -> None:
     assert any(what in str(problem) for problem in found), found
 
 
+def test_a_fence_across_the_180th_meridian_is_one_for_ardupilot_alone() -> None:
+    ring = (LatLon(-17.8, 179.999), LatLon(-17.8, -179.998), LatLon(-17.7, -179.998), LatLon(-17.7, 179.999))
+    across, mixed = (
+        items_from_fence(Fence((FencePolygon(corners),))) for corners in (ring, (ring[0], ring[2], ring[1], ring[3]))
+    )
+    assert check_for_autopilot(across, ARDUPILOT, MissionType.FENCE) == ()
+    assert "crosses or touches itself" in str(check_for_autopilot(mixed, ARDUPILOT, MissionType.FENCE)[0])
+    assert "crosses the 180th meridian, but PX4" in str(check_for_autopilot(across, PX4, MissionType.FENCE)[0])
+
+
 def test_a_good_fence_and_good_rally_points_raise_nothing() -> None:
     assert check_for_autopilot(items_from_fence(FENCE), ARDUPILOT, MissionType.FENCE) == ()
     rally = [MissionItem(Command.NAV_RALLY_POINT, Frame.ABOVE_HOME, lat_deg=33.2, lon_deg=-98.1, alt_m=50.0)]
