@@ -127,6 +127,8 @@ MISTAKES = {
     "true for a number": ("range_m = 200.0", "range_m = true", "sensor.range_m: must be a finite number, not True"),
     "not finite": ("range_m = 200.0", "range_m = nan", "sensor.range_m: must be a finite number"),
     "infinite": ("= 120.0", "= inf", "limits.max_height_agl_m: must be a finite number"),
+    "too large": ("= 120.0", "= 1e300", "limits.max_height_agl_m: must be between -1e20 and 1e20, not 1e+300"),
+    "too large in a list": ("[[-84.22, 36.47],", "[[-84.22, -1e30],", "area.polygon_lon_lat_deg.0.1: must be between -1e20"),
     "a date": ("range_m = 200.0", "range_m = 2020-01-01", "sensor.range_m: must be a finite number, not '2020-01-01'"),
     "half a seed": ("seed = 7", "seed = 7.5", "planner.seed: must be a whole number, not 7.5"),
     "a number for text": ('name = "test"', "name = 5", "name: must be text in quotes, not 5"),
@@ -239,6 +241,8 @@ def test_scenario_files(tmp_path, monkeypatch):
         ),
         (Requirements, {"max_deviation_m": 0.0}, "max_deviation_m"),
         (Vehicle, {"cruise_speed_m_s": 300.0}, "too fast for a multirotor"),
+        (Vehicle, {"cruise_speed_m_s": 1e-7}, "cruise_speed_m_s: 1e-07 m/s is too slow for a multirotor"),
+        (Vehicle, {"max_climb_m_s": 1e-300}, "max_climb_m_s: 1e-300 m/s is too slow for a multirotor"),
         (Vehicle, {"endurance_s": -1.0}, "endurance_s"),
         (
             FlightLimits,

@@ -241,6 +241,10 @@ MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
 """Motion of ArduCopter 4.7 and PX4 1.17, with the parameters that the values are the defaults of."""
 
 
+_LEAST_SPEED_M_S = 0.01
+"""A flight takes 28 hours per kilometre at this speed, and is examined each second."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
     """Performance of the multirotor."""
@@ -278,6 +282,9 @@ class Vehicle:
     def __post_init__(self) -> None:
         require_positive(self, "cruise_speed_m_s", "max_climb_m_s", "max_descent_m_s", "acceptance_radius_m")
         require_positive(self, "takeoff_height_m", "return_height_m")
+        for key in ("cruise_speed_m_s", "max_climb_m_s", "max_descent_m_s"):
+            speed = getattr(self, key)
+            require(speed >= _LEAST_SPEED_M_S, f"{key}: {speed} m/s is too slow for a multirotor; use a higher speed")
         require(
             self.cruise_speed_m_s <= 100.0,
             f"cruise_speed_m_s: {self.cruise_speed_m_s} m/s is too fast for a multirotor; use a lower speed",

@@ -4,8 +4,9 @@ import dataclasses
 import difflib
 import json
 import logging
+import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -37,6 +38,8 @@ from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
 Bounds = tuple[float, float, float, float]
 _BUNDLED = "bundled:"
+_LARGEST = 1e20
+"""Size of the largest number; arithmetic with larger ones may overflow."""
 _MOST_MISTAKES = 5
 """Largest number of obstacles named in an error line."""
 _LOG = logging.getLogger(__name__)
@@ -86,6 +89,8 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         raw = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{source}: the file is not valid TOML: {error}") from error
+    for key, number in _too_large(raw):
+        raise ScenarioError(f"{source}: {key}: must be between -1e20 and 1e20, not {_shown(number)}")
     raw, given = with_fleet(raw, source=source), raw
     raw, own_sensors = _with_built_in_sensors(raw, source)
     # Validated as JSON: there the validator accepts a list for a tuple and a table for a dataclass, and is strict otherwise.
@@ -241,6 +246,17 @@ def _data_file(name: str, folder: Path) -> Path:
     if name.startswith(_BUNDLED):
         return Path(str(resources.files("uavcover") / "data" / name.removeprefix(_BUNDLED)))
     return folder / name
+
+
+def _too_large(value: object, path: str = "") -> Iterator[tuple[str, float]]:
+    """The path and value of each number of a TOML document that is finite, but beyond all reason."""
+    if isinstance(value, list):
+        value = dict(enumerate(value))
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _too_large(entry, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, int | float) and _LARGEST < abs(value) < math.inf:
+        yield path, value
 
 
 def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any], *, launched: bool) -> list[str]:
