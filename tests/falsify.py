@@ -52,8 +52,7 @@ from tests.falsifying.every_way import every_way
 from tests.falsifying.flown import Flown, flights_in, read_flown
 from tests.falsifying.honest_run import BASES, base_run
 from tests.falsifying.way import FAMILIES, Way
-from uavcover.cli.ending import run_app
-from uavcover.cli.main import app
+from uavcover.cli.main import app, run_app
 
 FOLDER, LOG, SURVEY = "run folder", "foreign log", "survey"
 LEFT_BEHIND = ("flight.rrd", "report.html", "pareto_routes.csv", "upload.json")

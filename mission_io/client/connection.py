@@ -42,15 +42,12 @@ class Service(Protocol):
 
     def receive(self, received: Received, now: float) -> None:
         """Take a message of the vehicle that arrived at ``now``."""
-        ...
 
     def messages_to_send(self, now: float) -> Sequence[Message]:
         """Messages to send at ``now``."""
-        ...
 
     def next_timer(self) -> float | None:
         """When it wants to be asked again; None for not before the next message."""
-        ...
 
 
 class Machine(Service, Protocol):
@@ -59,11 +56,9 @@ class Machine(Service, Protocol):
     @property
     def finished(self) -> bool:
         """Whether it is over."""
-        ...
 
     def cancel(self, now: float) -> None:
         """Stop."""
-        ...
 
 
 class Connection(Closing):

@@ -21,7 +21,6 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """The present time in seconds."""
-        ...
 
 
 class MonotonicClock:
@@ -38,19 +37,15 @@ class Link(Protocol):
     @property
     def clock(self) -> Clock:
         """The clock that ``receive`` waits by; simulated links have their own."""
-        ...
 
     def send(self, data: bytes) -> None:
         """Send one datagram, which may get lost silently."""
-        ...
 
     def receive(self, timeout_s: float) -> bytes | None:
         """The next datagram, or None when none arrived within ``timeout_s`` seconds."""
-        ...
 
     def close(self) -> None:
         """Release the port; may be called twice."""
-        ...
 
 
 @runtime_checkable
@@ -59,11 +54,9 @@ class PeerLink(Protocol):
 
     def keep_to(self, system_id: int, component_id: int) -> None:
         """Communicate with this sender's address only."""
-        ...
 
     def let_go(self) -> None:
         """Communicate with everybody again."""
-        ...
 
 
 class Closing(ABC):
@@ -124,7 +117,6 @@ class StreamLink(Protocol):
     @property
     def framing(self) -> FramingCounts:
         """Counts of bytes that were no frames."""
-        ...
 
 
 def framing_of(link: Link) -> FramingCounts:

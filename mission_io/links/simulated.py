@@ -40,15 +40,12 @@ class Peer(Protocol):
 
     def receive_datagram(self, data: bytes, now: float) -> None:
         """Take a datagram that arrived at ``now``."""
-        ...
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
         """Datagrams that it sends at ``now``."""
-        ...
 
     def next_timer(self) -> float | None:
         """When it wants to be asked again although nothing arrives; None for not at all."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -142,11 +142,9 @@ class MadeFiles(Protocol):
 
     def read(self, path: str) -> bytes | None:
         """Current content of a file; None for one that is on the card."""
-        ...
 
     def written(self, path: str, content: bytes) -> None:
         """Take a file that was written and closed."""
-        ...
 
 
 class FtpServer:

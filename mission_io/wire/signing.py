@@ -29,7 +29,6 @@ class UnixClock(Protocol):
 
     def unix_s(self) -> float:
         """Seconds since 1970-01-01 UTC."""
-        ...
 
 
 class SystemClock:
@@ -205,15 +204,12 @@ class TimestampStore(Protocol):
 
     def read(self) -> int:
         """The timestamp; 0 when there is none yet."""
-        ...
 
     def raise_to(self, timestamp: int) -> None:
         """Store this timestamp unless a higher one is stored."""
-        ...
 
     def settle(self, reserved: int, used: int) -> None:
         """Replace ``reserved`` by ``used``, unless another program has raised it since."""
-        ...
 
 
 class UnsavedTimestamps:

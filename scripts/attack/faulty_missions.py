@@ -19,8 +19,7 @@ import numpy as np
 from scripts.options import file_to_write
 from tests.extras.check.made_faults import with_fault
 from tests.extras.check.made_missions import KINDS, Case, Terrain, good_mission, terrains
-from uavcover.cli.ending import run_app
-from uavcover.cli.main import app
+from uavcover.cli.main import app, run_app
 
 LEEWAY_M = 1.0
 """Where the naive judge, which samples, is nearer to a limit than this, it does not decide."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from PIL import Image
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv_tables, litchi, map_xml, wpml
+from mission_io.formats import csv_tables, map_xml, wpml
 from mission_io.formats.point_route import PointRoute
 from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.ftp import FtpMessage
@@ -20,7 +20,7 @@ from mission_io.wire.codec import Codec
 from mission_io.wire.framing import LARGEST_FRAME, Framer
 from mission_io.wire.messages import item_from_message, message_from_item
 from scripts.attack.fuzz_files import Target, check, of_latin, of_text
-from uavcover.cli.ending import _one_line
+from uavcover.cli.main import _one_line
 from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
 from uavcover.extras.photos.picture import Picture
@@ -106,7 +106,7 @@ def _route_targets() -> dict[str, Target]:
         "gpx": try_route(map_xml.read_gpx_route),
         "kml_route": try_route(map_xml.read_kml_route),
         "wpml": try_route(wpml.read_route),
-        "litchi": try_route(litchi.read_route),
+        "litchi": try_route(csv_tables.read_litchi),
         "openair": try_zones(".txt"),
         "zones": try_zones(".json"),
     }

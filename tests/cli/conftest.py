@@ -17,8 +17,7 @@ from typing import Any
 import pytest
 
 from tests.once import made_once
-from uavcover.cli.ending import run_app
-from uavcover.cli.main import app
+from uavcover.cli.main import app, run_app
 
 EVALUATIONS = "40"
 WATCHDOG_S = 300.0

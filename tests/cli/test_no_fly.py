@@ -11,9 +11,9 @@ from mission_io.formats import plan as plan_format
 from tests.cli.bad_inputs import dem_at, options, square_parts
 from tests.naive.zones import in_zone
 from tests.scenario.areas import written
+from uavcover.cli.new import SurveyOptions
 from uavcover.cli.options import Output
 from uavcover.cli.plan import _site as site_of_plan
-from uavcover.cli.survey_options import SurveyOptions
 from uavcover.model.route import RouteMetrics
 from uavcover.planner.plan_words import say_zones
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario

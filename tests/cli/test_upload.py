@@ -29,7 +29,7 @@ from tests.cli.relay import Relay
 from tests.mission_io.formats.samples import fen_text
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer
-from uavcover.cli.mission_files import read_contents
+from uavcover.cli.transfers import read_contents
 from uavcover.errors import InputError
 
 

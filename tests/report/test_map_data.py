@@ -12,9 +12,8 @@ from PIL import Image
 from tests.planner.sites import flat, make_site, tower
 from uavcover.model.limits import NoFly, Obstacles
 from uavcover.report import map_data as drawing
-from uavcover.report.cell_layers import UNSEEN_RGB, cell_layers, cells_bounds_m
 from uavcover.report.content import FIGURES, ReportContent
-from uavcover.report.map_data import map_data
+from uavcover.report.map_data import UNSEEN_RGB, cell_layers, cells_bounds_m, map_data
 
 
 def pixels(uri: str) -> np.ndarray:

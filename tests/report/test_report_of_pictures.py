@@ -15,9 +15,16 @@ from tests.report.test_in_browser import check_quiet
 from tests.report.test_map_data import pixels
 from tests.report.test_page import Elements
 from uavcover.model.sensor import FrameCamera
-from uavcover.report.cell_layers import NOT_COVERABLE_RGB, POSSIBLE_RGB, SEEN_RGB, SURE_RGB, UNSEEN_RGB, cell_layers
 from uavcover.report.content import ReportContent, read_run
-from uavcover.report.map_data import map_data
+from uavcover.report.map_data import (
+    NOT_COVERABLE_RGB,
+    POSSIBLE_RGB,
+    SEEN_RGB,
+    SURE_RGB,
+    UNSEEN_RGB,
+    cell_layers,
+    map_data,
+)
 from uavcover.report.page import render_report
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site

@@ -19,8 +19,7 @@ from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from mission_io.model.plain_text import plain_text, plain_values
-from uavcover.cli.ending import PlainFormatter, stop_signals
+from mission_io.model.plain_text import plain_lines, plain_text, plain_values
 from uavcover.errors import OutputError, StageOver
 from uavcover.run.folder import json_line
 
@@ -40,7 +39,7 @@ class Console:
         self.quiet = verbosity < 0
         level = logging.WARNING if verbosity <= 0 else logging.INFO if verbosity == 1 else logging.DEBUG
         handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(PlainFormatter("%(levelname)s %(name)s: %(message)s"))
+        handler.setFormatter(_PlainFormatter("%(levelname)s %(name)s: %(message)s"))
         logging.basicConfig(level=level, handlers=[handler], force=True)
         self._terminal = RichConsole(stderr=True)
         self._bar_is_there = False
@@ -421,3 +420,23 @@ class PauseKey:
 
     def _change(self) -> None:
         self._wanted = not self._wanted
+
+
+class _PlainFormatter(logging.Formatter):
+    """Log lines that a terminal shows as they are: one line for each record, besides its traces."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
+        """The line of a record."""
+        return plain_text(super().formatMessage(record))
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802 - logging's name
+        """The trace of a record."""
+        return plain_lines(super().formatException(ei))
+
+
+def stop_signals() -> list[signal.Signals]:
+    """The signals that ask to stop: Ctrl-C, SIGTERM, and SIGHUP unless it is ignored (nohup)."""
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    return numbers

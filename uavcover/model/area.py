@@ -7,8 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from uavcover.kernels.arrays import FloatArray
-from uavcover.model.value_checks import (
+from mission_io.data_tables import (
     STRICT,
     require,
     require_between,
@@ -16,6 +15,7 @@ from uavcover.model.value_checks import (
     require_not_negative,
     require_positive,
 )
+from uavcover.kernels.arrays import FloatArray
 
 # A small map as SVG, for notebooks: lines and areas in metres, north up, with a scale bar. No dependency.
 

@@ -7,9 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from uavcover.kernels.arrays import FloatArray
-from uavcover.model.area import Ring, Rings
-from uavcover.model.value_checks import (
+from mission_io.data_tables import (
     STRICT,
     require,
     require_between,
@@ -17,6 +15,8 @@ from uavcover.model.value_checks import (
     require_not_negative,
     require_positive,
 )
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.area import Ring, Rings
 
 Window = tuple[datetime, datetime]
 """First and last moment, in UTC."""

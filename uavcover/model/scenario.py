@@ -4,11 +4,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from uavcover.kernels.sight import MIDPOINT
-from uavcover.model.area import Area, Terrain
-from uavcover.model.limits import FlightLimits, Home, NoFly, Obstacles, Window, window_of
-from uavcover.model.sensor import Sensor
-from uavcover.model.value_checks import (
+from mission_io.data_tables import (
     STRICT,
     require,
     require_between,
@@ -16,6 +12,10 @@ from uavcover.model.value_checks import (
     require_not_negative,
     require_positive,
 )
+from uavcover.kernels.sight import MIDPOINT
+from uavcover.model.area import Area, Terrain
+from uavcover.model.limits import FlightLimits, Home, NoFly, Obstacles, Window, window_of
+from uavcover.model.sensor import Sensor
 from uavcover.model.vehicle import Fleet, Vehicle, Wind
 
 

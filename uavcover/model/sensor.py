@@ -6,11 +6,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from mission_io.data_tables import STRICT, require, require_positive
 from uavcover.errors import ScenarioError
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
 from uavcover.model.sensor_base import FlatPicture, LineOfSight, Mount, Rays, Sensing, SensorBase, in_kernels
-from uavcover.model.value_checks import STRICT, require, require_positive
 
 _LINE_OF_SIGHT = {"ray": RAY, "midpoint": MIDPOINT}
 

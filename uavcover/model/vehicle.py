@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
+from mission_io.data_tables import STRICT, require, require_between, require_not_negative, require_positive
 from uavcover.errors import InputError
 from uavcover.model.area import Outline
 from uavcover.model.limits import Home
 from uavcover.model.sensor import Sensor
-from uavcover.model.value_checks import STRICT, require, require_between, require_not_negative, require_positive
 
 # Several vehicles that fly one plan: how many there are, and what keeps them apart.
 

@@ -49,17 +49,14 @@ class AskAndTell(Protocol):
     @property
     def iteration(self) -> int:
         """Rounds completed so far."""
-        ...
 
     @property
     def evaluations(self) -> int:
         """Number of candidates whose values are known so far."""
-        ...
 
     @property
     def should_stop(self) -> bool:
         """True once all rounds are done."""
-        ...
 
     def ask(self) -> FloatArray:
         """The candidates to evaluate next.
@@ -72,7 +69,6 @@ class AskAndTell(Protocol):
         Raises:
             OptimizerError: All rounds are done.
         """
-        ...
 
     def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
         """Give the values of the candidates asked last, in their order.
@@ -86,7 +82,6 @@ class AskAndTell(Protocol):
             OptimizerError: Nothing was asked, a shape is wrong, or a value is not finite. Nothing has changed then: the
                 same candidates can be given to tell() again.
         """
-        ...
 
     def pareto_set(self) -> ParetoSet:
         """The non-dominated solutions kept so far; feasible ones if there are any, else the least violating.
@@ -94,7 +89,6 @@ class AskAndTell(Protocol):
         Raises:
             OptimizerError: No candidates are evaluated yet.
         """
-        ...
 
 
 class Optimizer(AskAndTell, Protocol):
@@ -102,7 +96,6 @@ class Optimizer(AskAndTell, Protocol):
 
     def state_dict(self) -> State:
         """All that is needed to go on later, random streams included: dicts, numbers, strings and copied arrays."""
-        ...
 
     @classmethod
     def from_state(cls, state: State) -> Self:
@@ -111,7 +104,6 @@ class Optimizer(AskAndTell, Protocol):
         Raises:
             OptimizerError: The state belongs to another algorithm.
         """
-        ...
 
 
 def read_only(values: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ from scipy.ndimage import map_coordinates
 from mission_io.data_tables import data_table
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import ByteArray, FloatArray
-from uavcover.report.cell_layers import Bounds, data_uri
+from uavcover.report.map_data import Bounds, data_uri
 from uavcover.scenario.site import Site
 
 _TILE_PIXELS = (64, 2048)

@@ -17,9 +17,8 @@ from mission_io.model.plain_text import plain_lines, plain_values
 from uavcover.errors import InputError, OutputError
 from uavcover.report import plots
 from uavcover.report.background import Background, read_background
-from uavcover.report.cell_layers import REASON_WORDS
 from uavcover.report.content import FIGURES, ReportContent, read_run
-from uavcover.report.map_data import bounds_m, drawn_every, map_data
+from uavcover.report.map_data import REASON_WORDS, bounds_m, drawn_every, map_data
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import REPORT_FILE, RunFolder, write_text
 from uavcover.run.judged_inputs import (

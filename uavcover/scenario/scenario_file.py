@@ -24,14 +24,15 @@ from uavcover.model.sensor import Sensor
 from uavcover.plugins import load, registered
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
-from uavcover.scenario.fleet_tables import LAUNCH_POINTS, with_fleet
 from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.ring_checks import (
+    LAUNCH_POINTS,
     bounds_deg,
     fence_mistakes,
     no_fly_mistakes,
     outline_mistakes,
     prism_mistakes,
+    with_fleet,
     with_rings,
 )
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles

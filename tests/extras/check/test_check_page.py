@@ -11,7 +11,7 @@ import pytest
 from tests.extras.check.test_command import DEM, GOOD, mission
 from tests.report.browser import Page
 from tests.report.test_accessibility import axe_source, findings
-from uavcover.cli.survey_options import ElevationData
+from uavcover.cli.new import ElevationData
 from uavcover.errors import InputError
 from uavcover.extras.check.check_page import render_check_page
 from uavcover.extras.check.mission_file import CheckQuery, check

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 
 from mission_io.errors import FormatError
-from mission_io.formats import litchi, wpl
+from mission_io.formats import csv_tables, wpl
 from mission_io.formats.csv_tables import HEADER, read_csv, sniff, words_of, write_csv
 from mission_io.formats.drawings import read_area_list, read_rally_list
 from mission_io.formats.text import MissionFile
@@ -77,7 +77,7 @@ LITCHI = [
 ]
 TABLES = {
     "items": (ITEMS, lambda text: read_csv(text).mission),
-    "litchi": (LITCHI, lambda text: litchi.read_route(text).mission),
+    "litchi": (LITCHI, lambda text: csv_tables.read_litchi(text).mission),
 }
 
 
@@ -108,7 +108,7 @@ def test_a_table_is_the_same_in_every_dialect(table):
     for dialect in DIALECTS:
         text = written(rows, **dialect)
         assert repr(read(text)) == repr(plain), dialect
-        assert litchi.is_litchi(text) is (table == "litchi")
+        assert csv_tables.is_litchi(text) is (table == "litchi")
 
 
 @pytest.mark.parametrize("table", TABLES)

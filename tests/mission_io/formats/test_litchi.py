@@ -9,7 +9,7 @@ import pyproj
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats.litchi import write_csv
+from mission_io.formats.csv_tables import write_litchi
 from mission_io.formats.point_route import CameraFlight
 from tests.mission_io.formats.flights import pictures_at_once, random_flight
 
@@ -45,7 +45,7 @@ def rows_of(text: str) -> list[dict[str, float]]:
 @pytest.mark.parametrize("seed", range(24))
 def test_a_flight_reads_back(seed: int) -> None:
     flight = random_flight(seed)
-    rows = rows_of(write_csv(flight))
+    rows = rows_of(write_litchi(flight))
     assert len(rows) == len(flight.points)
     pictures = pictures_at_once(flight)
     for number, (row, point) in enumerate(zip(rows, flight.points, strict=True)):
@@ -71,7 +71,7 @@ def test_the_heading_of_a_vertical_leg_is_that_of_the_leg_beside_it() -> None:
     flight = random_flight(0, points=3)
     a, b, _ = (replace(point, heading_deg=None) for point in flight.points)
     column = CameraFlight(flight.home, (a, b, replace(b, height_above_home_m=b.height_above_home_m - 30.0)))
-    rows = rows_of(write_csv(column))
+    rows = rows_of(write_litchi(column))
     assert rows[0]["heading(deg)"] == rows[1]["heading(deg)"] == rows[2]["heading(deg)"] != 0.0
 
 
@@ -92,7 +92,7 @@ def with_first(flight: CameraFlight, **changes: Any) -> CameraFlight:
 )
 def test_what_litchi_cannot_do_is_refused(changes: dict[str, float], match: str) -> None:
     with pytest.raises(FormatError, match=match):
-        write_csv(with_first(random_flight(0), **changes))
+        write_litchi(with_first(random_flight(0), **changes))
 
 
 def test_points_too_near_to_each_other_and_too_many() -> None:
@@ -100,9 +100,9 @@ def test_points_too_near_to_each_other_and_too_many() -> None:
     first = flight.points[0]
     near = replace(first, height_above_home_m=first.height_above_home_m + 0.3)
     with pytest.raises(FormatError, match=r"point 1: 0.3 m to the next point"):
-        write_csv(replace(flight, points=(first, near)))
+        write_litchi(replace(flight, points=(first, near)))
     with pytest.raises(FormatError, match="flight: the mission has 100 points, but Litchi accepts 2 to 99"):
-        write_csv(random_flight(1, points=100))
+        write_litchi(random_flight(1, points=100))
     with pytest.raises(FormatError, match="flight: the mission has 1 points"):
-        write_csv(random_flight(1, points=1))
-    assert len(rows_of(write_csv(random_flight(1, points=99)))) == 99
+        write_litchi(random_flight(1, points=1))
+    assert len(rows_of(write_litchi(random_flight(1, points=99)))) == 99

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
-from mission_io.formats import litchi, wpml
-from mission_io.formats.litchi import write_csv
+from mission_io.formats import csv_tables, wpml
+from mission_io.formats.csv_tables import write_litchi
 from mission_io.formats.map_xml import read_gpx_route, read_kml_route
 from mission_io.formats.point_route import PointRoute, camera_flight
 from mission_io.formats.wpml import write_kmz
@@ -198,7 +198,7 @@ def test_whatever_is_in_a_mission_it_is_points_or_one_error(items: list[MissionI
         flight = camera_flight(mission)
         for point in flight.points:
             assert all(map(math.isfinite, (point.lat_deg, point.lon_deg, point.height_above_home_m, point.speed_m_s)))
-        write_csv(flight)
+        write_litchi(flight)
         check_kmz(write_kmz(flight, M3E, return_height_m=80.0))
     except FormatError as error:
         refused = str(error)
@@ -228,7 +228,7 @@ def test_a_flight_begins_and_ends_at_home(mission: Mission, match: str) -> None:
 
 POINTS = [(46.5, 8.25, 40.0), (46.501, 8.252, 55.5), (46.499, 8.26, 61.0)]
 READERS: dict[str, Callable[[str], PointRoute]] = {
-    ".gpx": read_gpx_route, ".kml": read_kml_route, ".csv": litchi.read_route, ".wpml": wpml.read_route,
+    ".gpx": read_gpx_route, ".kml": read_kml_route, ".csv": csv_tables.read_litchi, ".wpml": wpml.read_route,
 }  # fmt: skip
 
 
@@ -254,7 +254,7 @@ def test_our_own_files_read_back(seed: int) -> None:
     archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, all_dji_aircraft()["dji-m3e"], return_height_m=80.0)))
     texts = {".wpml": archive.read(wpml.DOCUMENT).decode()}
     with contextlib.suppress(FormatError):  # Litchi cannot do every one
-        texts[".csv"] = write_csv(flight)
+        texts[".csv"] = write_litchi(flight)
     for suffix, text in texts.items():
         route = READERS[suffix](text)
         items = [route.mission.items[number - 1] for number in route.numbers]
@@ -266,7 +266,7 @@ def test_our_own_files_read_back(seed: int) -> None:
 
 def test_speeds_that_differ_are_items() -> None:
     text = ROUTES[".csv"](POINTS, 1.0).replace(",0,7.5\n", ",0,4\n", 1)
-    route = litchi.read_route(text)
+    route = csv_tables.read_litchi(text)
     assert [one.params[1] for one in route.mission.items if one.command == Command.DO_CHANGE_SPEED] == [4.0, 7.5]
     assert route.numbers == (2, 5, 8), "a speed and a heading of its own behind the first two"
     assert "2 headings" in route.repairs[-1]
@@ -283,7 +283,7 @@ def test_heights_above_ground() -> None:
         is Frame.ABOVE_TERRAIN
     )
     assert (
-        litchi.read_route(ROUTES[".csv"](POINTS, 1.0).replace(",0,7.5", ",1,7.5")).mission.items[1].frame
+        csv_tables.read_litchi(ROUTES[".csv"](POINTS, 1.0).replace(",0,7.5", ",1,7.5")).mission.items[1].frame
         is Frame.ABOVE_TERRAIN
     )
 
@@ -293,7 +293,7 @@ def test_curves_are_told() -> None:
         "</wpml:waypointSpeed>", "</wpml:waypointSpeed><wpml:useStraightLine>0</wpml:useStraightLine>"
     )
     assert "3 curved" in wpml.read_route(text).repairs[0]
-    assert "corners" in litchi.read_route(ROUTES[".csv"](POINTS, 1.0).replace(",90,0,", ",90,5,")).repairs[0]
+    assert "corners" in csv_tables.read_litchi(ROUTES[".csv"](POINTS, 1.0).replace(",90,0,", ",90,5,")).repairs[0]
 
 
 @pytest.mark.parametrize(
@@ -370,7 +370,7 @@ def test_what_the_camera_does_reads_back(seed: int) -> None:
     archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, all_dji_aircraft()["dji-m3e"], return_height_m=80.0)))
     texts = {".wpml": archive.read(wpml.DOCUMENT).decode()}
     with contextlib.suppress(FormatError):
-        texts[".csv"] = write_csv(flight)
+        texts[".csv"] = write_litchi(flight)
     expected, before = [], None
     for point in flight.points:
         begins = point.picture_distance_m is not None and point.picture_distance_m != before
@@ -395,7 +395,7 @@ def test_actions_of_litchi() -> None:
     lines[0] += ",photo_timeinterval,photo_distinterval"
     lines[1] = lines[1].replace(",-1,0" * 15, ",0,2500,5,-45,1,0,4,30" + ",-1,0" * 11) + ",2,-1"
     lines[2], lines[3] = f"{lines[2]},-1,-1", f"{lines[3]},-1,-1"
-    items = litchi.read_route("\n".join(lines)).mission.items
+    items = csv_tables.read_litchi("\n".join(lines)).mission.items
     assert [(int(one.command), *one.params[:3]) for one in items[2:8]] == [
         (93, 2.5, -1.0, -1.0), (1000, -45.0, pytest.approx(float("nan"), nan_ok=True), pytest.approx(float("nan"), nan_ok=True)),
         (115, 30.0, 0.0, 0.0), (2000, 0.0, 0.0, 1.0), (2000, 0.0, 2.0, 0.0), (16, 0.0, 0.0, 0.0),

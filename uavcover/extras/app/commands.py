@@ -15,7 +15,7 @@ from starlette.responses import JSONResponse, Response
 from uavcover.errors import InputError
 from uavcover.extras.app.workspace import OWN_FOLDER, PHOTOS, Workspace, free_name
 from uavcover.model.area import RasterTerrain
-from uavcover.report.cell_layers import REASON_WORDS
+from uavcover.report.map_data import REASON_WORDS
 from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
 
 # Files of the user: kept under their names in the folder, photos in a folder of their run; and what photos show.

@@ -17,7 +17,7 @@ from mission_io.model.plain_text import plain_text
 from uavcover.extras.app.scene import Scene
 from uavcover.flight.flight_log import LIVE_LINE
 from uavcover.kernels.arrays import BoolArray
-from uavcover.report.cell_layers import SEEN_RGB, UNSEEN_RGB, data_uri
+from uavcover.report.map_data import SEEN_RGB, UNSEEN_RGB, data_uri
 
 _COLUMNS = ("time_s", "east_m", "north_m", "up_m", "yaw_deg", "lat_deg", "lon_deg")
 _MOST_BYTES = 1 << 20

@@ -22,9 +22,16 @@ from uavcover.missions.return_advice import flight_states
 from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Route
 from uavcover.planner.pareto_file import ParetoRow
-from uavcover.report.cell_layers import SEEN_RGB, UNSEEN_RGB, cell_layers, cells_bounds_m, classes_image
 from uavcover.report.content import ReportContent, read_run
-from uavcover.report.map_data import gap_data, zone_data
+from uavcover.report.map_data import (
+    SEEN_RGB,
+    UNSEEN_RGB,
+    cell_layers,
+    cells_bounds_m,
+    classes_image,
+    gap_data,
+    zone_data,
+)
 from uavcover.run.documents import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.obstacles import rings_m

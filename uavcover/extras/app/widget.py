@@ -17,7 +17,7 @@ from uavcover.extras.app.scene import Scene, Scenes, scene_document, seen_image,
 from uavcover.extras.app.tiles import contours
 from uavcover.model.route import Plan
 from uavcover.model.track import Track
-from uavcover.report.cell_layers import SEEN_RGB, UNSEEN_RGB
+from uavcover.report.map_data import SEEN_RGB, UNSEEN_RGB
 from uavcover.verification.verify import Verdict
 
 _HERE = Path(__file__).parent

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.ending import ending_well
+from uavcover.cli.main import ending_well
 from uavcover.cli.options import Overview, one_by_one, option
 from uavcover.errors import InputError
 

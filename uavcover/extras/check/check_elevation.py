@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 
 from mission_io.errors import FormatError
-from mission_io.formats import litchi, wpml
+from mission_io.formats import csv_tables, wpml
 from mission_io.formats.map_xml import read_gpx_route, read_kml_route
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.items import Mission
-from uavcover.cli.survey_options import ElevationData, open_elevation_data
+from uavcover.cli.new import ElevationData, open_elevation_data
 from uavcover.errors import InputError, NoTileNearError, TerrainError
 from uavcover.extras.check.check import Bounds
 from uavcover.extras.check.tuning import WORLD
@@ -59,7 +59,7 @@ def read_route_file(path: Path) -> PointRoute | None:
             return _read_kmz(path)
         text = text_from_bytes(path.read_bytes()).text
         if suffix == ".csv":
-            return litchi.read_route(text) if litchi.is_litchi(text) else None
+            return csv_tables.read_litchi(text) if csv_tables.is_litchi(text) else None
         return _READERS[suffix](text)
     except FormatError as error:
         where = f"{path}: {error.where}" if error.where else str(path)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.new import At, DemOptions, Dsm, TrustDem
 from uavcover.cli.options import option
-from uavcover.cli.survey_options import At, DemOptions, Dsm, TrustDem
 
 if TYPE_CHECKING:
     from uavcover.extras.check.planned_view import ViewQuery

@@ -8,13 +8,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 from mission_io.errors import FormatError
-from mission_io.formats import files, litchi, plan, wpml
+from mission_io.formats import csv_tables, files, plan, wpml
 from mission_io.formats.csv_tables import words_of
 from mission_io.formats.text import doubts_about_fence, text_from_bytes
 from mission_io.model.enums import AutopilotId, VehicleKind, kind_of
 from mission_io.model.items import Command, Fence, FramedPoint, Mission
 from mission_io.model.plain_text import counted
-from uavcover.cli.survey_options import ElevationData
+from uavcover.cli.new import ElevationData
 from uavcover.errors import InputError, ScenarioError
 from uavcover.extras.check.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.extras.check.check_elevation import ROUTE_SUFFIXES, open_check_elevation, read_route_file
@@ -47,7 +47,7 @@ from uavcover.terrain.ground import Ground
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)
 _MOST_POINTS = {
-    ".csv": (litchi.MOST_WAYPOINTS, "Litchi"),
+    ".csv": (csv_tables.LITCHI_WAYPOINTS, "Litchi"),
     ".kmz": (wpml.MOST_POINTS, "WPML"),
     ".wpml": (wpml.MOST_POINTS, "WPML"),
 }

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from mission_io.formats.csv_tables import LITCHI_WAYPOINTS, write_litchi
 from mission_io.formats.files import FORMATS
-from mission_io.formats.litchi import MOST_WAYPOINTS, write_csv
 from mission_io.formats.point_route import CameraFlight, camera_flight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
@@ -30,10 +30,10 @@ from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import pace_of
 from uavcover.terrain.file_heights import Undulation
 
-CONTROLLER_POINTS: Final[Mapping[str, int]] = {"wpml": 200, "litchi": MOST_WAYPOINTS}
+CONTROLLER_POINTS: Final[Mapping[str, int]] = {"wpml": 200, "litchi": LITCHI_WAYPOINTS}
 """Formats of controllers that fly points, stopping at each, and how many points they are given unless the user says.
 
-DJI's controllers are reported to take 100 to 250 points, Litchi takes 99 (:mod:`mission_io.formats.litchi`).
+DJI's controllers are reported to take 100 to 250 points, Litchi takes 99 (:mod:`mission_io.formats.csv_tables`).
 """
 _FEWEST_POINTS = 4
 """Above home, a leg, above home again."""
@@ -204,8 +204,8 @@ def _check(request: ExportRequest) -> None:
     most = request.most_points
     if most is not None and most < _FEWEST_POINTS:
         raise InputError(f"--max-waypoints-per-file: {most} waypoints are too few for a leg with its transits")
-    if most is not None and request.file_format == "litchi" and most > MOST_WAYPOINTS:
-        raise InputError(f"--max-waypoints-per-file: Litchi supports at most {MOST_WAYPOINTS} waypoints, not {most}")
+    if most is not None and request.file_format == "litchi" and most > LITCHI_WAYPOINTS:
+        raise InputError(f"--max-waypoints-per-file: Litchi supports at most {LITCHI_WAYPOINTS} waypoints, not {most}")
 
 
 def _flight_file(
@@ -221,7 +221,7 @@ def _flight_file(
     if math.isfinite(advice.safe_return_height_m):
         height_m = max(height_m, math.ceil(advice.safe_return_height_m))
     if request.aircraft is None:
-        content = write_csv(flight).encode()
+        content = write_litchi(flight).encode()
     else:
         absolute = _absolute_heights(site, flight) if request.heights == ELLIPSOID_HEIGHTS else None
         content = write_kmz(flight, request.aircraft, return_height_m=height_m, absolute=absolute)

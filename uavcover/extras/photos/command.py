@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from uavcover.cli import options
+from uavcover.cli.new import PhotoOptions, SearchOptions, SurveyOptions, list_curves
 from uavcover.cli.options import option
-from uavcover.cli.survey_options import PhotoOptions, SearchOptions, SurveyOptions, list_curves
 
 
 def judge_photos(

@@ -14,18 +14,21 @@ from numpy.typing import NDArray
 
 from uavcover.errors import InputError, OutputError
 from uavcover.extras.photos.photo_verdict import PhotoVerdict, footprint_polygons, footprints_m, frame_of
-from uavcover.report.cell_layers import (
+from uavcover.report.content import FIGURES
+from uavcover.report.map_data import (
     REASON_WORDS,
     CellLayer,
     cells_bounds_m,
     coverage_layer,
+    gap_data,
     gap_layer,
+    geodetic_fit,
     label,
     picture_layers,
     ramp_layer,
+    relief_image,
+    rounded,
 )
-from uavcover.report.content import FIGURES
-from uavcover.report.map_data import gap_data, geodetic_fit, relief_image, rounded
 from uavcover.report.page import map_script, rendered_page
 from uavcover.run.folder import write_text
 from uavcover.run.user import User, percent

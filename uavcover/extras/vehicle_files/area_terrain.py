@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from mission_io.model.items import M_PER_DEG
-from uavcover.cli.survey_options import ElevationData, open_elevation_data
+from uavcover.cli.new import ElevationData, open_elevation_data
 from uavcover.errors import InputError, NoTileNearError
 from uavcover.new.elevation_questions import (
     NationalSource,

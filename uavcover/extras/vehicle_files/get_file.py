@@ -132,7 +132,7 @@ def _converted(
     from mission_io.autopilots.mission_lists import mission_list_of
     from mission_io.client.files import FileDownloads
     from mission_io.model.items import MissionType
-    from uavcover.cli.mission_files import text_of
+    from uavcover.cli.transfers import text_of
     from uavcover.flight.connect import connect
 
     with connect(vehicle.link_to(to)) as connected, console.progress("downloading the list") as bar:

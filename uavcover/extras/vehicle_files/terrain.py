@@ -8,8 +8,8 @@ import typer
 
 from mission_io.model.plain_text import counted
 from uavcover.cli import options
+from uavcover.cli.new import DemOptions
 from uavcover.cli.options import option
-from uavcover.cli.survey_options import DemOptions
 
 # ``uavcover terrain-server``: terrain heights for a vehicle that requests them.
 
@@ -28,7 +28,7 @@ def terrain_server(
     metres. Blocks without elevation data are not sent. fly and plan-upload answer requests with the data of their
     scenario, so they do not need this command.
     """
-    from uavcover.cli.survey_options import open_elevation_data
+    from uavcover.cli.new import open_elevation_data
     from uavcover.extras.vehicle_files.terrain_heights import serve_terrain
     from uavcover.flight.connect import connect, heights_of_files
 
@@ -75,7 +75,7 @@ def terrain(
     With --dem, the command checks whether these files cover the area, and exits with 1 if they do not. With --dat, it
     writes .DAT files for the folder APM/TERRAIN on the card of the vehicle.
     """
-    from uavcover.cli.survey_options import open_elevation_data
+    from uavcover.cli.new import open_elevation_data
     from uavcover.errors import InputError
     from uavcover.extras.vehicle_files.area_terrain import files_in, known_share, say_needed, terrain_of_area
     from uavcover.extras.vehicle_files.terrain_heights import write_terrain_files
