@@ -8,7 +8,6 @@ import pytest
 import mission_io
 import uavcover as uc
 from tests.cli.conftest import corner_of_the_demo, files
-from uavcover import recording
 
 NAMES = {
     "FlightOptions", "InfeasibleError", "InputError", "Plan", "Route", "Site", "Track", "UavcoverError", "VehicleError",
@@ -28,11 +27,6 @@ def test_the_public_names() -> None:
 def test_the_places_and_the_typed_imports_name_the_same() -> None:
     places = {name for names in uc._PLACES.values() for name in names}
     assert places == NAMES
-
-
-def test_recording_exports_what_it_says() -> None:
-    assert {name for names in recording._PLACES.values() for name in names} == set(recording.__all__)
-    assert all(hasattr(recording, name) for name in recording.__all__)
 
 
 def test_mission_io_exports_what_it_says() -> None:

@@ -13,7 +13,7 @@ from tests.extras.check.test_command import DEM, GOOD, mission
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import load_site
-from uavcover.terrain.elevation_trust import trust_asked_for
+from uavcover.terrain.suspect_heights import trust_asked_for
 
 CAMERA = ("--camera", "dji-mavic-3e", "--gsd", "3cm")
 

@@ -26,8 +26,7 @@ from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
 from uavcover.terrain import elevation_file
 from uavcover.terrain.elevation_file import read_heights_amsl_m
-from uavcover.terrain.terrain_source import TerrainSource
-from uavcover.terrain.tuning import FILES
+from uavcover.terrain.terrain_source import FILES, TerrainSource
 
 DEM = Path("uavcover/data/jacksboro.tif")
 

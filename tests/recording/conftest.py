@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.recording.flights import Flight, make_flight
-from uavcover.recording import write_recording
+from uavcover.recording.writer import write_recording
 
 
 def write(path: Path, flight: Flight) -> Path:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uavcover.model.route import Route
 from uavcover.model.track import Track
-from uavcover.recording import RecordedEvent, VehicleState
+from uavcover.recording.flight import RecordedEvent, VehicleState
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import Site, build_site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations

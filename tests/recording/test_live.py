@@ -15,8 +15,15 @@ from rerun.experimental import ViewerClient
 
 from tests.recording.flights import Flight
 from uavcover.model.track import Track, TrackSample
-from uavcover.recording import RecordingError, VehicleState, describe_recording, layout, read_recorded_track, viewer
-from uavcover.recording.layout import read_recorded_track_with_warnings, whole_messages
+from uavcover.recording import layout, viewer
+from uavcover.recording.flight import VehicleState
+from uavcover.recording.layout import (
+    RecordingError,
+    describe_recording,
+    read_recorded_track,
+    read_recorded_track_with_warnings,
+    whole_messages,
+)
 from uavcover.recording.writer import LiveRecording
 from uavcover.sensing.coverage_map import LevelObservations
 from uavcover.verification.verify import verify_track

@@ -11,8 +11,9 @@ from typing import Self
 import pytest
 
 from uavcover.errors import OutputError
-from uavcover.recording import RecordingError, layout, open_viewer, screenshot, viewer
-from uavcover.recording.layout import VIEWER
+from uavcover.recording import layout, viewer
+from uavcover.recording.layout import VIEWER, RecordingError
+from uavcover.recording.viewer import open_viewer, screenshot
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -17,9 +17,9 @@ from tests.recording.conftest import write
 from tests.recording.flights import Flight, make_flight
 from uavcover.errors import InputError, OutputError
 from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
-from uavcover.recording import RecordingError, describe_recording, layout, read_recorded_track
 from uavcover.recording import flight as flight_columns
-from uavcover.recording.layout import SCENE
+from uavcover.recording import layout
+from uavcover.recording.layout import SCENE, RecordingError, describe_recording, read_recorded_track
 
 
 def rerun(*arguments: str | Path) -> subprocess.CompletedProcess[bytes]:

@@ -22,8 +22,7 @@ from tests.report.test_page import Elements
 from uavcover.errors import InputError
 from uavcover.report import background
 from uavcover.report.background import read_background
-from uavcover.report.content import ReportContent
-from uavcover.report.map_data import bounds_m
+from uavcover.report.content import ReportContent, bounds_m
 from uavcover.report.page import render_report
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site

@@ -8,7 +8,7 @@ from PIL import Image
 
 from uavcover.errors import OutputError
 from uavcover.report.content import ReportContent
-from uavcover.report.figures import FIGURE_NAMES, save_figures, save_pareto_plot
+from uavcover.report.plots import FIGURE_NAMES, save_figures, save_pareto_plot
 from uavcover.terrain.ground import grid_ground, relief_grid
 
 

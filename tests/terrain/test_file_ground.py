@@ -15,8 +15,8 @@ from uavcover.kernels.surface import GRID, Surface, height_above, up_above
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import load_site
 from uavcover.terrain.elevation_file import read_ground
-from uavcover.terrain.frames import LocalFrame
-from uavcover.terrain.tuning import FILES, PIXELS
+from uavcover.terrain.frames import PIXELS, LocalFrame
+from uavcover.terrain.terrain_source import FILES
 
 ALT_M = 550.0
 

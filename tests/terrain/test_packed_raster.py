@@ -12,8 +12,7 @@ from tests.terrain.dem_files import write_dem
 from uavcover.errors import TerrainError
 from uavcover.terrain import terrain_source
 from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
-from uavcover.terrain.terrain_source import TerrainSource, find_tiles, gdal_name
-from uavcover.terrain.tuning import FILES
+from uavcover.terrain.terrain_source import FILES, TerrainSource, find_tiles, gdal_name
 
 LAT, LON = 46.55, 8.03
 SEA = bytes(2 * 1201 * 1201)

@@ -16,9 +16,9 @@ from rasterio.warp import Resampling, reproject, transform
 from uavcover.errors import NoElevationError, TerrainError
 from uavcover.terrain import elevation_file, frames
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import PIXELS, LocalFrame
 from uavcover.terrain.ground import grid_ground
-from uavcover.terrain.tuning import FILES, PIXELS
+from uavcover.terrain.terrain_source import FILES
 
 LAT, LON = 47.2, 11.4  # asymmetric, and in UTM zone 32
 FRAME = LocalFrame(LAT, LON, 600.0)

@@ -17,8 +17,7 @@ from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.terrain import terrain_source
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
-from uavcover.terrain.terrain_source import TerrainSource, find_tiles
-from uavcover.terrain.tuning import FILES
+from uavcover.terrain.terrain_source import FILES, TerrainSource, find_tiles
 
 LAT, LON = 46.55, 8.03
 FRAME = LocalFrame(LAT, LON, 500.0)

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from uavcover.cli.console import Console
     from uavcover.new.catalog import DetectionCurve
     from uavcover.new.elevation_questions import NewRequest
-    from uavcover.terrain.terrain_source import Bounds, TerrainSource
+    from uavcover.terrain.frames import Bounds
+    from uavcover.terrain.terrain_source import TerrainSource
 
 # Options for the accuracy of photos, and for the target of a search, of ``judge-photos`` and ``verify``.
 

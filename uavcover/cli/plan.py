@@ -313,7 +313,7 @@ def pareto(
     for line in bounds_in_words(plan.get("bounds", {})):
         console.say(line)
     if plot is not None:
-        from uavcover.report.figures import save_pareto_plot
+        from uavcover.report.plots import save_pareto_plot
 
         save_pareto_plot(members, plan, plot)
         console.say(f"wrote {plot}")

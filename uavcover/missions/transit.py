@@ -353,5 +353,4 @@ def _polygon(frame: LocalFrame, ring: shapely.LinearRing, *, inclusion: bool) ->
 
 
 def _places(frame: LocalFrame, corners_m: FloatArray) -> list[LatLon]:
-    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([corners_m, np.zeros(len(corners_m))]))
-    return [LatLon(float(a), float(o)) for a, o in zip(lat, lon, strict=True)]
+    return [LatLon(float(lat), float(lon)) for lon, lat in frame.lon_lat_from_en(corners_m)]

@@ -23,6 +23,7 @@ from uavcover.new.terrain_look import SurfaceLook, TerrainLook, known_margin_m, 
 from uavcover.new.tuning import TERRAIN
 from uavcover.run.user import User
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
+from uavcover.terrain.frames import lons_beside
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
 Answer = TypeVar("Answer")
@@ -139,7 +140,7 @@ def national_sources(parts: tuple[Rings, ...]) -> tuple[NationalSource, ...]:
 def _unwrapped(ring: tuple[tuple[float, float], ...]) -> tuple[np.ndarray, np.ndarray]:
     """Longitudes that run on across 180 degrees, and latitudes."""
     lon, lat = np.array(ring, dtype=float).T
-    return lon[0] + np.mod(lon - lon[0] + 180.0, 360.0) - 180.0, lat
+    return lons_beside(lon, lon[0]), lat
 
 
 def _touched(

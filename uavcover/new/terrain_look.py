@@ -17,7 +17,7 @@ from uavcover.new.tuning import TERRAIN
 from uavcover.scenario.surface_model import of_surface, refuse_other_heights
 from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.file_heights import ELLIPSOID, SEA_LEVEL_DATUMS
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame, lons_beside
 from uavcover.terrain.terrain_source import TerrainSource
 
 
@@ -203,7 +203,7 @@ def _middle(parts: tuple[Rings, ...]) -> LocalFrame:
     first = np.asarray(parts[0][0])
     lons = np.concatenate([np.asarray(rings[0])[:, 0] for rings in parts])
     lats = np.concatenate([np.asarray(rings[0])[:, 1] for rings in parts])
-    lons = first[0, 0] + np.mod(lons - first[0, 0] + 180.0, 360.0) - 180.0
+    lons = lons_beside(lons, first[0, 0])
     middle = 0.5 * float(lons.min() + lons.max())
     return LocalFrame(0.5 * float(lats.min() + lats.max()), math.remainder(middle, 360.0), 0.0)
 
@@ -241,7 +241,7 @@ def _require_ground(
                 f"elevation data {file} ({_reach(file, datum, frame)}); use data for that location, or specify the "
                 "coordinate system of the area with --crs"
             )
-    lats, lons, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
+    lons, lats = frame.lon_lat_from_en(places).T
     at = int(np.argmin(known))
     raise InputError(
         f"{where}: the area reaches beyond the elevation data {file} at latitude {lats[at]:.5f}, longitude "
@@ -267,7 +267,7 @@ def _grid(zone: shapely.Polygon, side: int) -> FloatArray:
 
 
 def _heights(file: TerrainSource, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
-    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
+    lon, lat = frame.lon_lat_from_en(places).T
     return read_heights_amsl_m(file, datum, lat, lon)
 
 

@@ -49,7 +49,7 @@ from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicles import groups_of, own_sensors, vehicle_sites
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 from uavcover.sensing.site_maps import is_large, judging_map, planning_map
-from uavcover.terrain.elevation_trust import trust_asked_for
+from uavcover.terrain.suspect_heights import trust_asked_for
 
 _QUICK_BOUNDS_S = 0.5
 """Bounds without a solver take about this long."""

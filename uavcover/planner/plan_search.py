@@ -16,7 +16,7 @@ from uavcover.errors import InfeasibleError, InputError, ScenarioError
 from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.model.vehicle import autopilot_name
-from uavcover.optimizers.by_name import ALGORITHMS
+from uavcover.optimizers import ALGORITHMS
 from uavcover.planner.budget import SHARES, CommandTime, StageTimes
 from uavcover.planner.fleet_parts import plan_parts
 from uavcover.planner.fleet_shares import is_one_flight_each, plan_in_shares

@@ -28,8 +28,9 @@ from scipy.ndimage import map_coordinates
 from mission_io.data_tables import data_table
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import ByteArray, FloatArray
-from uavcover.report.map_data import Bounds, data_uri
+from uavcover.report.map_data import data_uri
 from uavcover.scenario.site import Site
+from uavcover.terrain.frames import Bounds
 
 _TILE_PIXELS = (64, 2048)
 _SQLITE = b"SQLite format 3\0"

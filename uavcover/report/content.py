@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 
 from mission_io.data_tables import data_table
 from uavcover.kernels.arrays import BoolArray, FloatArray
@@ -22,6 +23,7 @@ from uavcover.scenario.vehicles import groups_of, own_sensors, vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
 from uavcover.sensing.site_maps import fleet_map, map_for
+from uavcover.terrain.frames import Bounds
 from uavcover.verification.command import judge_tracks, log_name
 from uavcover.verification.flown_route import PlannedRoute
 from uavcover.verification.judged_track import track_positions_m
@@ -182,3 +184,9 @@ def _flights(
 
 def _optional_json(run: RunFolder, name: str) -> dict[str, Any]:
     return run.read_json(name, made_by="uavcover plan-upload") if run.file(name).is_file() else {}
+
+
+def bounds_m(site: Site) -> Bounds:
+    """The displayed bounds: fence and area with a margin."""
+    west, south, east, north = shapely.union_all([site.area, site.fence]).bounds
+    return west - FIGURES.pad_m, south - FIGURES.pad_m, east + FIGURES.pad_m, north + FIGURES.pad_m

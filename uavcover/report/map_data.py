@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import shapely
+from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -19,7 +19,7 @@ from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.return_advice import flight_states
 from uavcover.model.route import Route
 from uavcover.model.verdict import Gap
-from uavcover.report.content import FIGURES, Flight, ReportContent
+from uavcover.report.content import FIGURES, Flight, ReportContent, bounds_m
 from uavcover.report.plots import flight_style
 from uavcover.scenario.airspace.flyable import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
@@ -27,14 +27,11 @@ from uavcover.scenario.obstacles import Prism, rings_m
 from uavcover.scenario.site import Site, area_as_drawn
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, pictures_asked
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import Bounds, LocalFrame
 from uavcover.terrain.ground import Ground, relief_grid
 from uavcover.verification.flown_coverage import FlownCoverage
 from uavcover.verification.gaps import REASONS, reason_codes
 from uavcover.verification.verify import Verdict
-
-Bounds = tuple[float, float, float, float]
-"""West, south, east, north in metres."""
 
 
 def map_data(content: ReportContent) -> dict[str, Any]:
@@ -75,12 +72,6 @@ def map_data(content: ReportContent) -> dict[str, Any]:
 def drawn_every(samples: int) -> int:
     """Every how many samples one is drawn."""
     return max(1, math.ceil(samples / FIGURES.max_samples))
-
-
-def bounds_m(site: Site) -> Bounds:
-    """The displayed bounds: fence and area with a margin."""
-    west, south, east, north = shapely.union_all([site.area, site.fence]).bounds
-    return west - FIGURES.pad_m, south - FIGURES.pad_m, east + FIGURES.pad_m, north + FIGURES.pad_m
 
 
 def relief_image(ground: Ground, bounds_m: Bounds) -> str:
@@ -405,8 +396,6 @@ def ramp_layer(
     coverage: CoverageMap, key: str, title: str, values: FloatArray, colors: str, label: Callable[[float], str]
 ) -> CellLayer | None:
     """Values on a ramp of colours; none where no cell has one."""
-    from matplotlib import colormaps  # a quarter of a second to load
-
     known = np.isfinite(values)
     if not known.any():
         return None

@@ -17,8 +17,8 @@ from mission_io.model.plain_text import plain_lines, plain_values
 from uavcover.errors import InputError, OutputError
 from uavcover.report import plots
 from uavcover.report.background import Background, read_background
-from uavcover.report.content import FIGURES, ReportContent, read_run
-from uavcover.report.map_data import REASON_WORDS, bounds_m, drawn_every, map_data
+from uavcover.report.content import FIGURES, ReportContent, bounds_m, read_run
+from uavcover.report.map_data import REASON_WORDS, drawn_every, map_data
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import REPORT_FILE, RunFolder, write_text
 from uavcover.run.judged_inputs import (
@@ -317,14 +317,12 @@ def draw_figures(content: ReportContent, folder: Path, user: User, *, force: boo
     Raises:
         OutputError: a figure is there already and ``force`` was not said, or cannot be written.
     """
-    from uavcover.report.figures import FIGURE_NAMES, save_figures
-
-    there = [name for name in FIGURE_NAMES if (folder / name).exists()]
+    there = [name for name in plots.FIGURE_NAMES if (folder / name).exists()]
     if there and not force:
         raise OutputError(
             f"{folder}: this folder already contains {', '.join(there)}; use --force to overwrite, or "
             "choose another folder"
         )
-    drawn = save_figures(content, folder)
+    drawn = plots.save_figures(content, folder)
     user.say(f"wrote {', '.join(str(path) for path in drawn)}")
     return drawn

@@ -35,9 +35,9 @@ from uavcover.scenario.ring_checks import (
     with_fleet,
     with_rings,
 )
+from uavcover.terrain.frames import Bounds
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
-Bounds = tuple[float, float, float, float]
 _BUNDLED = "bundled:"
 _LARGEST = 1e20
 """Size of the largest number; arithmetic with larger ones may overflow."""

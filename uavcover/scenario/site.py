@@ -22,8 +22,7 @@ from uavcover.scenario.surface_model import check_home_is_open, with_surface_ove
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground, sine_cosine_ground
-from uavcover.terrain.terrain_source import TerrainSource
-from uavcover.terrain.tuning import FILES
+from uavcover.terrain.terrain_source import FILES, TerrainSource
 
 MAX_REACH_M = 100_000.0
 """A position in a scenario farther from the origin is treated as a mistake."""

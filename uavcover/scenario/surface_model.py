@@ -15,7 +15,7 @@ from uavcover.scenario.scenario_file import surface_source
 from uavcover.terrain.elevation_file import read_ground
 from uavcover.terrain.frames import Bounds, LocalFrame, finish_frame, places_of_nodes_m
 from uavcover.terrain.ground import Ground, ground_of_nodes
-from uavcover.terrain.tuning import FILES
+from uavcover.terrain.terrain_source import FILES
 
 _log = logging.getLogger(__name__)
 

@@ -305,8 +305,8 @@ def _missing(
     first = places[missing][:1]
     where = f"{first[0, 0]:.0f} m east, {first[0, 1]:.0f} m north of the origin"
     if site.frame is not None:
-        lat, lon, _ = site.frame.geodetic_from_enu(np.column_stack([first, [[0.0]]]))
-        where = f"latitude {lat[0]:.5f}, longitude {lon[0]:.5f}"
+        lon, lat = site.frame.lon_lat_from_en(first)[0]
+        where = f"latitude {lat:.5f}, longitude {lon:.5f}"
     # Of some rows it is not known how the others are.
     much = (
         f"{100.0 * missing.mean():.1f} % of its cells" if rows is None else f"{missing.sum():,} of its cells at least"

@@ -28,10 +28,9 @@ from uavcover.terrain.file_heights import (
     refuse_feet_by_guess,
     unit_of_heights_m,
 )
-from uavcover.terrain.frames import Bounds, LocalFrame, finish_frame, fit_frame, node_ups_m
+from uavcover.terrain.frames import PIXELS, Bounds, LocalFrame, finish_frame, fit_frame, node_ups_m
 from uavcover.terrain.ground import Ground, grid_ground, ground_of_nodes
-from uavcover.terrain.terrain_source import TerrainSource, as_source, unreadable
-from uavcover.terrain.tuning import FILES, PIXELS
+from uavcover.terrain.terrain_source import FILES, TerrainSource, as_source, unreadable
 
 _log = logging.getLogger(__name__)
 

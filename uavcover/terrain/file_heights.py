@@ -4,12 +4,13 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from pyproj import CRS
 from pyproj.exceptions import ProjError
 from pyproj.transformer import TransformerGroup
 
 from uavcover.errors import InputError, TerrainError
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.terrain.terrain_source import TerrainSource
 
 _FOOT_M, _SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
@@ -164,3 +165,37 @@ def fill_gaps(heights_m: FloatArray, *, pixel_m: tuple[float, float], up_to_m: f
             filled[around][gap] = values
             count, largest_m = count + 1, max(largest_m, float(side_m))
     return FilledGaps(filled, count, largest_m)
+
+
+def touching(mask: BoolArray) -> tuple[NDArray[np.int32], int]:
+    """Number the groups of true elements that touch, also at corners, and count them.
+
+    As ``scipy.ndimage.label`` does, which takes a third of a second to load; elevation data with level ground is frequent.
+
+    Args:
+        mask: (rows, columns).
+
+    Returns:
+        (rows, columns) numbers from 1, in the order of the first elements of the groups; 0 where the mask is false.
+    """
+    # First and last elements of the runs of each row, in a mask with a false column on either side.
+    wide = np.pad(mask, ((0, 0), (1, 1)))
+    first, last = (np.flatnonzero(wide[:, 1:-1] & ~beside) for beside in (wide[:, :-2], wide[:, 2:]))
+    first, last = (at + at // mask.shape[1] * 2 + 1 for at in (first, last))
+    # Pairs of runs that touch, in one row and in the next.
+    begin = np.searchsorted(last, first + wide.shape[1] - 1)
+    counts = np.searchsorted(first, last + wide.shape[1] + 1, side="right") - begin
+    above = np.repeat(np.arange(len(first)), counts)
+    below = np.arange(len(above)) + np.repeat(begin - np.cumsum(counts) + counts, counts)
+    # Each run takes the lowest number beside it, until all that touch have one.
+    group = np.arange(len(first))
+    while (group[above] != group[below]).any():
+        lower = np.minimum(group[above], group[below])
+        np.minimum.at(group, group[above], lower)
+        np.minimum.at(group, group[below], lower)
+        while (group[group] != group).any():
+            group = group[group]
+    groups, numbers = np.unique(group, return_inverse=True)
+    out = np.zeros(mask.shape, dtype=np.int32)
+    out[mask] = np.repeat(numbers + 1, last - first + 1)
+    return out, len(groups)

@@ -15,11 +15,26 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 from numpy.typing import ArrayLike
 from pyproj import Transformer
 
+from mission_io.data_tables import data_table
 from mission_io.model.items import MEAN_RADIUS_M
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite
-from uavcover.terrain.tuning import PIXELS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pixels:
+    straight_within_m: float
+    lattice: int
+    wider: float
+    longest_piece_m: float
+    curve_length_m: float
+    safe: float
+    strip_nodes: int
+    up_degree: int
+
+
+PIXELS = data_table(_Pixels, "uavcover/data/terrain.toml", "pixels")
 
 
 @dataclass(frozen=True)
@@ -90,8 +105,19 @@ class LocalFrame:
         lon, lat, alt = self._pipeline.transform(enu[:, 0], enu[:, 1], enu[:, 2], direction="INVERSE")
         return np.asarray(lat, float), np.asarray(lon, float), np.asarray(alt, float)
 
+    def lon_lat_from_en(self, en_m: FloatArray) -> FloatArray:
+        """(n, 2) longitudes and latitudes, degrees, of (n, 2) east, north at the height of the origin."""
+        lat, lon, _ = self.geodetic_from_enu(np.column_stack([en_m, np.zeros(len(en_m))]))
+        return np.column_stack([lon, lat])
+
+
+def lons_beside(lon_deg: FloatArray, middle_deg: float) -> FloatArray:
+    """(n,) longitudes in degrees without the jump at 180: within 180 of one of them."""
+    return np.asarray(middle_deg + np.mod(lon_deg - middle_deg + 180.0, 360.0) - 180.0)
+
 
 Bounds = tuple[float, float, float, float]
+"""West, south, east and north, in metres or degrees."""
 
 ToPixels = Callable[[FloatArray, FloatArray], FloatArray]
 """(n, 2) column and row, integers at pixel centres, of latitudes (n,) and longitudes (n,)."""

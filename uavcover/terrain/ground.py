@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from mission_io.data_tables import data_table
 from uavcover.errors import TerrainError
 from uavcover.kernels import surface as kernels
 from uavcover.kernels.arrays import ByteArray, FloatArray, read_only
@@ -17,7 +18,17 @@ from uavcover.kernels.grid import GridFrame, square_frame, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
 from uavcover.terrain.frames import nodes_between, places_of_nodes_m
-from uavcover.terrain.tuning import RELIEF
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Relief:
+    light_azimuth_deg: float
+    light_elevation_deg: float
+    ambient: float
+    smooth_steps: float
+
+
+RELIEF = data_table(_Relief, "uavcover/data/terrain.toml", "relief")
 
 
 @dataclass(frozen=True, eq=False)

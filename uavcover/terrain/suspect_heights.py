@@ -1,15 +1,15 @@
-"""Heights that look like ground and are probably none: filled voids, collars of a warp, spikes, steps between tiles.
+"""Heights that look like ground and are probably none (filled voids, spikes, steps between tiles), and asking about them.
 
 An elevation model marks missing data with a no-data value. Where a program has replaced the mark by a number, or never set it,
 the number reads as ground: a hill inside it is invisible. Such places show by their rim, which no ground has.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import shapely
@@ -17,13 +17,48 @@ from numpy.typing import NDArray
 from rasterio.windows import Window
 from shapely.geometry.base import BaseGeometry
 
+from mission_io.data_tables import data_table
+from uavcover.errors import InputError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.terrain.elevation_file import open_raster
-from uavcover.terrain.frames import Bounds, LocalFrame
+from uavcover.terrain.file_heights import touching
+from uavcover.terrain.frames import Bounds, LocalFrame, lons_beside
 from uavcover.terrain.terrain_source import TerrainSource
-from uavcover.terrain.tuning import SUSPECTS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Suspects:
+    tip_pixels: int
+    least_squares: int
+    rim_pixels: int
+    slope_pixels: int
+    rim_times: float
+    rim_m: float
+    rim_share: float
+    roof_m: float
+    spike_times: float
+    spike_m: float
+    alone_times: float
+    alone_pixels: int
+    alone_slope: float
+    step_pixels: int
+    step_m: float
+    step_errors: float
+    step_times: float
+    step_share: float
+    strip_pixels: int
+    around_pixels: int
+    most_suspects: int
+
+
+SUSPECTS = data_table(_Suspects, "uavcover/data/terrain.toml", "suspects")
+
 
 Kind = Literal["block", "spike", "step"]
+Size = tuple[float, float]
+"""Height and width of a pixel in metres."""
+LonLat = Callable[[FloatArray], FloatArray]
+"""Longitudes and latitudes (n, 2) by columns and rows (n, 2)."""
 
 _AROUND = np.ones((3, 3), dtype=int)
 
@@ -45,8 +80,8 @@ class SuspectPixels:
         (row, column), (rows, columns) = self.first, self.mask.shape
         return slice(row, row + rows), slice(column, column + columns)
 
-    def words(self, pixel_m: tuple[float, float]) -> str:
-        """Description of the suspect pixels as text; ``pixel_m`` is height and width of a pixel."""
+    def words(self, pixel_m: Size) -> str:
+        """Description of the suspect pixels as text."""
         tall_m, wide_m = self.mask.shape[0] * pixel_m[0], self.mask.shape[1] * pixel_m[1]
         size = f"{wide_m:.0f} x {tall_m:.0f} m"
         if self.kind == "block":
@@ -58,7 +93,7 @@ class SuspectPixels:
         return f"a straight step of {self.value_m:.1f} m over {max(tall_m, wide_m):.0f} m, as between mismatched tiles"
 
 
-def suspect_pixels(heights_m: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
+def suspect_pixels(heights_m: FloatArray, pixel_m: Size) -> list[SuspectPixels]:
     """Find the pixels of a raster that do not look like ground.
 
     Args:
@@ -120,40 +155,6 @@ def _blocks(heights: FloatArray) -> list[SuspectPixels]:
     return found
 
 
-def touching(mask: BoolArray) -> tuple[NDArray[np.int32], int]:
-    """Number the groups of true elements that touch, also at corners, and count them.
-
-    As ``scipy.ndimage.label`` does, which takes a third of a second to load; elevation data with level ground is frequent.
-
-    Args:
-        mask: (rows, columns).
-
-    Returns:
-        (rows, columns) numbers from 1, in the order of the first elements of the groups; 0 where the mask is false.
-    """
-    # First and last elements of the runs of each row, in a mask with a false column on either side.
-    wide = np.pad(mask, ((0, 0), (1, 1)))
-    first, last = (np.flatnonzero(wide[:, 1:-1] & ~beside) for beside in (wide[:, :-2], wide[:, 2:]))
-    first, last = (at + at // mask.shape[1] * 2 + 1 for at in (first, last))
-    # Pairs of runs that touch, in one row and in the next.
-    begin = np.searchsorted(last, first + wide.shape[1] - 1)
-    counts = np.searchsorted(first, last + wide.shape[1] + 1, side="right") - begin
-    above = np.repeat(np.arange(len(first)), counts)
-    below = np.arange(len(above)) + np.repeat(begin - np.cumsum(counts) + counts, counts)
-    # Each run takes the lowest number beside it, until all that touch have one.
-    group = np.arange(len(first))
-    while (group[above] != group[below]).any():
-        lower = np.minimum(group[above], group[below])
-        np.minimum.at(group, group[above], lower)
-        np.minimum.at(group, group[below], lower)
-        while (group[group] != group).any():
-            group = group[group]
-    groups, numbers = np.unique(group, return_inverse=True)
-    out = np.zeros(mask.shape, dtype=np.int32)
-    out[mask] = np.repeat(numbers + 1, last - first + 1)
-    return out, len(groups)
-
-
 def _grown(part: slice, size: int, by: int) -> slice:
     return slice(max(0, part.start - by), min(size, part.stop + by))
 
@@ -192,7 +193,7 @@ def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray
     return whole, below, np.bincount(number[-rise > usually + SUSPECTS.roof_m], minlength=count + 1), mean
 
 
-def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
+def _spikes(heights: FloatArray, pixel_m: Size) -> list[SuspectPixels]:
     """Single pixels and clumps of up to 3 x 3 that lie above or below all of the ring around."""
     high = np.where(np.isnan(heights), -np.inf, heights)
     low = np.where(np.isnan(heights), np.inf, heights)
@@ -208,9 +209,8 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
     labels, _ = ndimage.label(spike, structure=_AROUND)
     found = []
     for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
-        grown = (
-            _grown(rows, heights.shape[0], SUSPECTS.rim_pixels),
-            _grown(columns, heights.shape[1], SUSPECTS.rim_pixels),
+        grown = tuple(
+            _grown(part, size, SUSPECTS.rim_pixels) for part, size in zip((rows, columns), heights.shape, strict=True)
         )
         mask = ndimage.binary_dilation(labels[grown] == number, _AROUND)
         own = labels[rows, columns] == number
@@ -221,7 +221,7 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
     return found
 
 
-def _rough_alone(heights: FloatArray, pixel_m: tuple[float, float]) -> BoolArray:
+def _rough_alone(heights: FloatArray, pixel_m: Size) -> BoolArray:
     """Single pixels that differ from their eight neighbours' mean far more than any pixel within ten of them."""
     wide, (rows, columns) = np.pad(heights, 1, mode="edge"), heights.shape
     around = [wide[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
@@ -258,13 +258,17 @@ def _ring(values: FloatArray, extreme: np.ufunc) -> FloatArray:
 
 
 def _steps(heights: FloatArray) -> list[SuspectPixels]:
-    found = []
-    for turned, grid in ((False, heights), (True, heights.T)):
-        for row, column, count, step in _seams(grid):
-            mask = np.ones((count, 2) if not turned else (2, count), dtype=bool)
-            first = (row, column) if not turned else (column, row)
-            found.append(SuspectPixels("step", first, mask, abs(step), 0.0))
-    return found
+    return [
+        SuspectPixels(
+            "step",
+            (column, row) if turned else (row, column),
+            np.ones((2, count) if turned else (count, 2), dtype=bool),
+            abs(step),
+            0.0,
+        )
+        for turned, grid in ((False, heights), (True, heights.T))
+        for row, column, count, step in _seams(grid)
+    ]
 
 
 def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
@@ -292,11 +296,12 @@ def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
         spread = 1.4826 * np.nanmedian(np.abs(part - median), axis=0)
         errors[row, enough] = np.maximum(1.2533 * spread / math.sqrt(size), 1e-6)
     found = []
-    for column in np.flatnonzero((np.abs(steps) > SUSPECTS.step_errors * errors).any(axis=0)).tolist():
+    certain = np.abs(steps) > SUSPECTS.step_errors * errors
+    for column in np.flatnonzero(certain.any(axis=0)).tolist():
         # Where a seam is certain somewhere, it goes on as far as there is a step.
         goes_on = np.flatnonzero(np.diff(np.concatenate([[0.0], np.sign(steps[:, column]), [0.0]])))
         for begin, end in pairwise(goes_on.tolist()):
-            if (np.abs(steps) > SUSPECTS.step_errors * errors)[begin:end, column].any():
+            if certain[begin:end, column].any():
                 last = firsts[end - 1] + size
                 found.append((firsts[begin], column + 1, last - firsts[begin], float(steps[begin:end, column].mean())))
     return found
@@ -330,42 +335,25 @@ def suspect_places(
     """
     region = shapely.box(*around_deg) if near is None else near
     found = []
-    for window in _pixels_around(source, vertical_datum, around_deg, margin=SUSPECTS.around_pixels):
-        for one in suspect_pixels(window.heights_m, window.pixel_m):
-            shape = _outline(one, window.lon_lat_deg)
+    windows = _pixels_around(source, vertical_datum, around_deg, margin=SUSPECTS.around_pixels)
+    for heights_m, pixel_m, lon_lat_deg in windows:
+        for one in suspect_pixels(heights_m, pixel_m):
+            shape = _outline(one, lon_lat_deg)
             if region.intersects(shape):
                 lon, lat = shape.representative_point().coords[0]
-                words = (
-                    f"{one.words(window.pixel_m)}, at latitude {lat:.5f}, longitude {math.remainder(lon, 360.0):.5f}"
-                )
-                found.append(SuspectPlace(words, shape))
+                at = f"at latitude {lat:.5f}, longitude {math.remainder(lon, 360.0):.5f}"
+                found.append(SuspectPlace(f"{one.words(pixel_m)}, {at}", shape))
     return tuple(found)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _PixelWindow:
-    """A part of a file, pixel by pixel."""
-
-    # (rows, columns) as the file has them, in metres above its own datum; NaN where there is no data
-    heights_m: FloatArray
-    pixel_m: tuple[float, float]  # height and width of a pixel
-    # longitudes, continuous, and latitudes (n, 2) of columns and rows (n, 2), integers at pixel centres
-    lon_lat_deg: Callable[[FloatArray], FloatArray]
 
 
 def _pixels_around(
     path: Path | TerrainSource, vertical_datum: str, around_deg: Bounds, *, margin: int
-) -> Iterator[_PixelWindow]:
-    """The pixels around west, south, east, north in degrees, in strips where they are many.
+) -> Iterator[tuple[FloatArray, Size, LonLat]]:
+    """The pixels around west, south, east, north in degrees, in strips where they are many, with ``margin`` pixels around.
 
-    Args:
-        path: a file that rasterio reads, or several.
-        vertical_datum: of its heights.
-        around_deg: what is needed.
-        margin: pixels around it.
-
-    Raises:
-        TerrainError: the file cannot be used.
+    Yields:
+        (rows, columns) heights as the file has them, in metres above its own datum, NaN where there is no data; the size of
+        a pixel; and its longitudes, continuous, and latitudes (n, 2) by columns and rows (n, 2), integers at pixel centres.
     """
     west, south, east, north = around_deg
     rim = np.linspace(0.0, 1.0, 9)
@@ -396,18 +384,15 @@ def _pixels_around(
 
             def lon_lat_deg(pixels: FloatArray, corner: NDArray[np.int64] = corner) -> FloatArray:
                 lats, lons = raster.places_of(pixels + corner)
-                return np.column_stack([west + np.mod(lons - west + 180.0, 360.0) - 180.0, lats])
+                return np.column_stack([lons_beside(lons, west), lats])
 
             heights = as_stored.read(Window(corner[0], corner[1], columns, bottom - top))
             if water_m is not None:
                 heights = np.where(np.isnan(heights), water_m, heights)
-            yield _PixelWindow(
-                heights,
-                (float(sides[0]), float(sides[1])), lon_lat_deg,
-            )  # fmt: skip
+            yield heights, (float(sides[0]), float(sides[1])), lon_lat_deg
 
 
-def _outline(found: SuspectPixels, lon_lat_deg: Callable[[FloatArray], FloatArray]) -> BaseGeometry:
+def _outline(found: SuspectPixels, lon_lat_deg: LonLat) -> BaseGeometry:
     padded = np.zeros((found.mask.shape[0], found.mask.shape[1] + 2), dtype=np.int8)
     padded[:, 1:-1] = found.mask
     turns = np.diff(padded, axis=1)
@@ -417,11 +402,47 @@ def _outline(found: SuspectPixels, lon_lat_deg: Callable[[FloatArray], FloatArra
     return shapely.transform(shapely.union_all(boxes), lon_lat_deg)
 
 
-def is_suspect(places: Iterable[SuspectPlace], lat_deg: FloatArray, lon_deg: FloatArray) -> BoolArray:
-    """(n,) whether geodetic positions (n,) lie in one of the places."""
-    found = np.zeros(len(lat_deg), dtype=bool)
-    for place in places:
-        middle = place.shape.centroid.x
-        lon = middle + np.mod(lon_deg - middle + 180.0, 360.0) - 180.0
-        found |= shapely.intersects_xy(place.shape, lon, lat_deg)
-    return found
+class Asked(Protocol):
+    """Receiver of warnings and questions, as :class:`uavcover.run.user.User`."""
+
+    def warn(self, line: str) -> None:
+        """Show a warning."""
+
+    def agrees(self, question: str) -> bool:
+        """Ask a question that is answered by yes or no."""
+
+
+def trust_asked_for(
+    source: TerrainSource,  # the elevation data of the ground
+    datum: str,  # of its heights
+    region: shapely.Polygon | shapely.MultiPolygon,  # where flights may go, (east, north) metres
+    frame: LocalFrame,  # of the region
+    user: Asked,  # is asked
+    *,
+    trusted: bool,  # whether the answer was given: then nothing is looked at
+) -> bool:
+    """Whether heights that do not look like ground are taken as they are; asks where there are any.
+
+    Raises:
+        InputError: there are such heights, and the user does not want them, or was not there to be asked.
+    """
+    if trusted:
+        return True
+
+    def lon_lat_deg(en_m: FloatArray) -> FloatArray:
+        lon, lat = frame.lon_lat_from_en(en_m).T
+        return np.column_stack([lons_beside(lon, frame.lon_deg), lat])
+
+    on_earth = shapely.transform(region, lon_lat_deg)
+    found = suspect_places(source, datum, on_earth.bounds, on_earth)
+    if not found:
+        return False
+    for one in found[: SUSPECTS.most_suspects]:
+        user.warn(f"{source.name} has {one.words}")
+    if user.agrees("check that the terrain has this shape"):
+        return True
+    more = f" and {len(found) - 1} more of this kind" if len(found) > 1 else ""
+    raise InputError(
+        f"{source}: the data contains {found[0].words}{more}; use other data, or mark the missing heights "
+        "(gdal_edit.py -a_nodata); if the heights are correct, use --trust-dem (terrain.trust_heights = true)"
+    )

@@ -21,9 +21,31 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.warp import transform_bounds
 
+from mission_io.data_tables import data_table
 from mission_io.model.items import M_PER_DEG
 from uavcover.errors import NoTileNearError, TerrainError
-from uavcover.terrain.tuning import FILES
+from uavcover.terrain.frames import Bounds
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Files:
+    max_nodes: int
+    max_error_m: float
+    checked_blocks: int
+    pixels_of_block: float
+    places_of_block: int
+    above_m: float
+    most_pixels: int
+    harmless_zip_bytes: int
+    max_gzip_bytes: int
+    max_tiles: int
+    around_deg: float
+    off_grid: float
+    water_m: float
+
+
+FILES = data_table(_Files, "uavcover/data/terrain.toml", "files")
+
 
 # Packed elevation files: the one raster inside a zip or gzip file, which GDAL reads in place, within limits.
 
@@ -108,8 +130,6 @@ def _check_gzip(file: Path, _packed_bytes: int, _changed_ns: int) -> None:
 _CACHE_BYTES = 128 * 2**20
 _HEIGHTS = re.compile(r"elev|height|altitude|h(ö|oe)he|(?<![a-z])(dem|dtm|dsm|dgm|mnt|mdt|z)(?![a-z])", re.IGNORECASE)
 """In the name of a band."""
-
-Bounds = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,12 +40,11 @@ from uavcover.model.verdict import Judgement, VerdictName
 from uavcover.new.tuning import TERRAIN
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.obstacles import Prism
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import Bounds, LocalFrame
 from uavcover.terrain.ground import Ground
 
 _CIRCLES = (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME)
 
-Bounds = tuple[float, float, float, float]
 GroundReader = Callable[[LocalFrame, Bounds], Ground]
 """A height surface in a local frame, within west, south, east, north in metres."""
 SurfaceReader = Callable[[LocalFrame, Bounds, Ground], Ground]

@@ -3,13 +3,14 @@
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+import shapely
 
 from mission_io.errors import FormatError
 from mission_io.formats import csv_tables, wpml
@@ -19,18 +20,17 @@ from mission_io.formats.text import text_from_bytes
 from mission_io.model.items import Mission
 from uavcover.cli.new import ElevationData, open_elevation_data
 from uavcover.errors import InputError, NoTileNearError, TerrainError
-from uavcover.extras.check.check import Bounds
 from uavcover.extras.check.tuning import WORLD
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.new.elevation_questions import ask_about_heights, ask_about_surface
 from uavcover.new.terrain_look import read_as_needed, surface_datum
 from uavcover.run.user import User
 from uavcover.scenario.areas.features import entry_of, kml_of
 from uavcover.scenario.surface_model import higher_of, of_surface, refuse_misfit
 from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import Bounds, LocalFrame, lons_beside
 from uavcover.terrain.ground import Ground
-from uavcover.terrain.suspect_heights import SuspectPlace, is_suspect, suspect_places
+from uavcover.terrain.suspect_heights import SuspectPlace, suspect_places
 from uavcover.terrain.terrain_source import TerrainSource
 
 # Routes of drone apps and map programs as missions: GPX, KML lines, DJI's WPML, Litchi's CSV.
@@ -107,11 +107,11 @@ class CheckElevation:
     def heights_amsl_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
         """Heights (n,) of the ground above sea level at (n,) places, NaN where it is not known."""
         heights = read_heights_amsl_m(self.ground, self.datum, lat_deg, lon_deg)
-        return np.where(is_suspect(self.suspects, lat_deg, lon_deg), np.nan, heights)
+        return np.where(_is_suspect(self.suspects, lat_deg, lon_deg), np.nan, heights)
 
     def doubt(self, lat_deg: float, lon_deg: float) -> str:
         """Reason to distrust the height of a position; empty if there is none."""
-        here = (one.words for one in self.suspects if is_suspect([one], np.array([lat_deg]), np.array([lon_deg]))[0])
+        here = (one.words for one in self.suspects if _is_suspect([one], np.array([lat_deg]), np.array([lon_deg]))[0])
         return next(here, "")
 
     def read_ground(self, frame: LocalFrame, bounds_m: Bounds) -> Ground:
@@ -222,3 +222,11 @@ def _in_options(error: TerrainError) -> TerrainError:
     for key, option in _AS_OPTIONS:
         text = re.sub(key, option, text)
     return TerrainError(text)
+
+
+def _is_suspect(places: Iterable[SuspectPlace], lat_deg: FloatArray, lon_deg: FloatArray) -> BoolArray:
+    """(n,) whether geodetic positions (n,) lie in one of the places."""
+    found = np.zeros(len(lat_deg), dtype=bool)
+    for place in places:
+        found |= shapely.intersects_xy(place.shape, lons_beside(lon_deg, place.shape.centroid.x), lat_deg)
+    return found

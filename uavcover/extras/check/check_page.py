@@ -121,12 +121,8 @@ def write_map(outcome: CheckOutcome, path: Path, *, force: bool) -> None:
             features.append(_feature("Point", [one.lon_deg, one.lat_deg], one.document()))
     if outcome.view is not None and checked.world is not None and not outcome.view.unseen_m.is_empty:
         frame = checked.world.frame
-
-        def lon_lat(places: Any) -> Any:
-            lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
-            return np.column_stack([lon, lat]).round(8)
-
-        shape = shapely.orient_polygons(shapely.transform(outcome.view.unseen_m, lon_lat))
+        unseen = shapely.transform(outcome.view.unseen_m, lambda en_m: frame.lon_lat_from_en(en_m).round(8))
+        shape = shapely.orient_polygons(unseen)
         features.append(
             {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": {"kind": "unseen"}}
         )

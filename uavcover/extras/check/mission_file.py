@@ -16,7 +16,7 @@ from mission_io.model.items import Command, Fence, FramedPoint, Mission
 from mission_io.model.plain_text import counted
 from uavcover.cli.new import ElevationData
 from uavcover.errors import InputError, ScenarioError
-from uavcover.extras.check.check import Bounds, Checked, CheckRequest, check_mission
+from uavcover.extras.check.check import Checked, CheckRequest, check_mission
 from uavcover.extras.check.check_elevation import ROUTE_SUFFIXES, open_check_elevation, read_route_file
 from uavcover.extras.check.clearance_checks import with_obstacles
 from uavcover.extras.check.findings import CheckFinding
@@ -42,7 +42,7 @@ from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.scenario_file import load_scenario
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import Bounds, LocalFrame
 from uavcover.terrain.ground import Ground
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)

@@ -10,7 +10,7 @@ import shapely
 
 from mission_io.model.items import Mission
 from uavcover.errors import InputError
-from uavcover.extras.check.check import Bounds, Checked
+from uavcover.extras.check.check import Checked
 from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
 from uavcover.extras.check.tuning import PATH
@@ -37,7 +37,7 @@ from uavcover.sensing.pictures import (
     pictures_asked,
 )
 from uavcover.sensing.site_maps import judging_map
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import Bounds, LocalFrame
 from uavcover.terrain.ground import Ground
 from uavcover.verification.gaps import cells_outline
 

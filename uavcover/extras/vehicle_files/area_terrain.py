@@ -19,7 +19,7 @@ from uavcover.new.elevation_questions import (
 from uavcover.run.user import User
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.terrain.elevation_file import read_heights_amsl_m
-from uavcover.terrain.terrain_source import Bounds
+from uavcover.terrain.frames import Bounds
 
 _GRID = 60
 _SHOWN = 12

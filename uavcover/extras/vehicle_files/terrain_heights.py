@@ -29,7 +29,7 @@ from mission_io.protocol.terrain import (
 from uavcover.errors import InputError, OutputError, TerrainError
 from uavcover.run.file_group import write_file
 from uavcover.run.user import User
-from uavcover.terrain.terrain_source import Bounds
+from uavcover.terrain.frames import Bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,6 +28,7 @@ from uavcover.scenario.areas.area_file import (
     rings_of,
 )
 from uavcover.scenario.areas.features import WGS84
+from uavcover.terrain.frames import Bounds
 
 METRES: Final = {"M": 1.0, "FT": 0.3048, "F": 0.3048, "KM": 1000.0, "NM": 1852.0, "FL": 30.48}
 """Units of heights and lengths."""
@@ -118,8 +119,6 @@ NEAR_KM = 20.0
 """Zones of a file farther from area, home and fence are left out."""
 
 _LARGEST_RADIUS_M = 1_000_000.0
-
-Bounds = tuple[float, float, float, float]
 
 
 def read_zones(
