@@ -6,8 +6,8 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.new.catalog import all_cameras, camera_named, vehicle_named
+from uavcover.new.quantities import SURVEY
 from uavcover.new.survey import SINGLE, SurveyWish, design_survey, views_of
-from uavcover.new.tuning import SURVEY
 
 M3E = camera_named("dji-m3e")
 

@@ -1,7 +1,6 @@
 """Tasks on workers, and the input that they share."""
 
 import errno
-import importlib
 import os
 import socket
 import sys
@@ -28,7 +27,6 @@ def test_what_is_no_scheduler_is_refused(text) -> None:
 
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch) -> None:
-    monkeypatch.delitem(sys.modules, "uavcover.run.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "dask", None)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(
@@ -60,7 +58,6 @@ def workers():
     distributed = pytest.importorskip("distributed", reason="Dask is not installed (extra cluster)")
     import dask
 
-    cluster = importlib.import_module("uavcover.run.cluster")
     with (
         dask.config.set({"distributed.admin.system-monitor.gil.enabled": False}),
         distributed.LocalCluster(
@@ -68,7 +65,7 @@ def workers():
         ) as local,
         distributed.Client(local, set_as_default=False) as client,
     ):  # fmt: skip
-        yield cluster.DaskWorkers(client, "--scheduler test")
+        yield scheduling.Workers(client, "--scheduler test")
 
 
 def test_dask_gives_each_task_with_its_result(workers) -> None:
@@ -79,19 +76,18 @@ def test_dask_gives_each_task_with_its_result(workers) -> None:
 
 
 def test_workers_of_this_machine_read_what_they_need_from_a_file_once(workers, monkeypatch) -> None:
-    cluster = importlib.import_module("uavcover.run.cluster")
-    if not cluster.can_share_files():
+    if not can_share_files():
         pytest.skip("needs /proc")
-    opened, real = [], cluster.read_shared
-    monkeypatch.setattr(cluster, "read_shared", lambda path: [opened.append(path), real(path)][1])
-    here = cluster.DaskWorkers(workers._client, "--scheduler test", here=True)
+    opened, real = [], scheduling.read_shared
+    monkeypatch.setattr(scheduling, "read_shared", lambda path: [opened.append(path), real(path)][1])
+    here = scheduling.Workers(workers._client, "--scheduler test", here=True)
     for _ in range(2):
         assert sorted(here.completed(add, 300, list(range(6)))) == [(k, 300 + k) for k in range(6)]
     assert 1 <= len(opened) <= 2  # two threads of one worker may begin at the same moment
     assert sorted(here.completed(add, 400, [1])) == [(1, 401)]
     with pytest.raises(TerrainError, match="no ground at -3"):
         list(here.completed(add, 400, [1, -3, 2]))
-    monkeypatch.setattr(cluster, "program", lambda: {"numpy": "0"})
+    monkeypatch.setattr(scheduling, "program", lambda: {"numpy": "0"})
     with pytest.raises(InputError, match=r"a worker runs different software: .*numpy"):
         list(here.completed(add, 500, [1]))
 
@@ -135,7 +131,7 @@ def test_a_worker_of_another_program_is_refused(workers, monkeypatch) -> None:
 
 def test_nobody_at_the_address_is_one_error(monkeypatch) -> None:
     pytest.importorskip("distributed", reason="Dask is not installed (extra cluster)")
-    monkeypatch.setattr("uavcover.run.cluster._ANSWER_S", 0.2)
+    monkeypatch.setattr("uavcover.run.scheduling._ANSWER_S", 0.2)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # bound and not listening: refused
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"

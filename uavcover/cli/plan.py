@@ -173,8 +173,7 @@ def _with_options(source: str, survey: SurveyOptions, console: "Console") -> "Si
     from dataclasses import replace
 
     from uavcover.model.area import RasterTerrain
-    from uavcover.new.quantities import flight_window
-    from uavcover.new.tuning import TEXT
+    from uavcover.new.quantities import TEXT, flight_window
     from uavcover.scenario.scenario_file import load_scenario, with_no_fly
     from uavcover.scenario.site import load_site
 

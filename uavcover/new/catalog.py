@@ -16,7 +16,7 @@ from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.coverage import DetectionTable, detection_table
 from uavcover.model.vehicle import AutopilotName
-from uavcover.new.tuning import SURVEY
+from uavcover.new.quantities import SURVEY
 
 _LONGEST_BITS = 1000
 _MOST_NAMES = 8

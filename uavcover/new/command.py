@@ -25,6 +25,7 @@ from uavcover.new.elevation_questions import (
     over_lakes,
     surface_asked_for,
 )
+from uavcover.new.quantities import TERRAIN
 from uavcover.new.survey import (
     SurveyDesign,
     SurveyScenario,
@@ -37,7 +38,6 @@ from uavcover.new.survey import (
     views_of,
 )
 from uavcover.new.terrain_look import SurfaceLook, TerrainLook, look_at_terrain, place_for_home
-from uavcover.new.tuning import TERRAIN
 from uavcover.planner.baselines.boustrophedon import (
     angle_of_heading_rad,
     fly_layout,

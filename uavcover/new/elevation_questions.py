@@ -18,9 +18,9 @@ from mission_io.model.plain_text import counted
 from uavcover.errors import InputError, TerrainError
 from uavcover.model.area import HeightUnit, Ring, Rings
 from uavcover.new import quantities
+from uavcover.new.quantities import TERRAIN
 from uavcover.new.survey import SurveyDesign
 from uavcover.new.terrain_look import SurfaceLook, TerrainLook, known_margin_m, look_at_surface, read_as_needed
-from uavcover.new.tuning import TERRAIN
 from uavcover.run.user import User
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.frames import lons_beside

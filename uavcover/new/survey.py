@@ -13,8 +13,8 @@ from mission_io.model.plain_text import plain_text
 from uavcover.errors import InputError
 from uavcover.model.area import Ring
 from uavcover.new.catalog import CameraBody, VehicleType
+from uavcover.new.quantities import SURVEY, TERRAIN, TEXT
 from uavcover.new.terrain_look import SurfaceLook
-from uavcover.new.tuning import SURVEY, TERRAIN, TEXT
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource
 

@@ -13,7 +13,7 @@ from pyproj.exceptions import ProjError
 from uavcover.errors import InputError, NoElevationError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Rings
-from uavcover.new.tuning import TERRAIN
+from uavcover.new.quantities import TERRAIN
 from uavcover.scenario.surface_model import of_surface, refuse_other_heights
 from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.file_heights import ELLIPSOID, SEA_LEVEL_DATUMS

@@ -37,7 +37,7 @@ from uavcover.extras.check.world import Aircraft, FenceSource, Limits, Surroundi
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.limits import NoFly, Obstacle
 from uavcover.model.verdict import Judgement, VerdictName
-from uavcover.new.tuning import TERRAIN
+from uavcover.new.quantities import TERRAIN
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.obstacles import Prism
 from uavcover.terrain.frames import Bounds, LocalFrame

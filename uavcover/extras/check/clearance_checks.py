@@ -17,7 +17,7 @@ from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.limits import Obstacle, Obstacles
-from uavcover.new.tuning import TERRAIN
+from uavcover.new.quantities import TERRAIN
 from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.obstacles import Footprint, Prism, leg_breaches, stand_on
 from uavcover.terrain.frames import LocalFrame

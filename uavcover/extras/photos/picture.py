@@ -16,7 +16,7 @@ from uavcover.errors import InputError
 from uavcover.new.catalog import CameraBody, camera_named
 from uavcover.new.command import NewScenario, new_scenario
 from uavcover.new.elevation_questions import NewRequest
-from uavcover.new.tuning import SURVEY
+from uavcover.new.quantities import SURVEY
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended, User
 from uavcover.scenario.site import Site
