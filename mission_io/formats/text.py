@@ -140,10 +140,17 @@ def degrees_text(value_deg: float, where: str) -> str:
     return "0.00000000" if text == "-0.00000000" else text
 
 
+def plain_float(text: str) -> float:
+    """A number in plain or exponent form, ``nan`` or ``inf``. Raises ValueError: another text, also ``1_000``."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"{text!r} is not a plain number")
+    return float(text)
+
+
 def finite_number(text: str, where: str) -> float:
     """Parse a number in plain or exponent form. Raises FormatError: not a finite number."""
     try:
-        value = float(text) if len(text) <= _LONGEST_NUMBER and "_" not in text and text.isascii() else math.nan
+        value = plain_float(text) if len(text) <= _LONGEST_NUMBER else math.nan
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
@@ -258,7 +265,7 @@ def child_text(element: ElementTree.Element, name: str) -> str | None:
 def number_in(text: str | None, where: str) -> float:
     """A finite number of a document. Raises FormatError: it is missing or no number."""
     try:
-        value = float(text or "")
+        value = plain_float(text or "")
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -157,6 +157,8 @@ def test_other_columns_and_another_order_are_read(path):
     [
         (0, "yaw_deg", "heading", "line 1: the column yaw_deg is missing"),
         (2, "lat_deg", "north", "line 3, lat_deg: 'north' is not a number"),
+        (2, "roll_deg", "1_0.0", "line 3, roll_deg: '1_0.0' is not a number"),
+        (2, "east_m", "\u0663", "line 3, east_m: '\u0663' is not a number"),
         (3, "up_m", "nan", "line 4, up_m: 'nan' is not a finite number"),
         (3, "roll_deg", "inf", "line 4, roll_deg: 'inf' is not a finite number"),
         (3, "time_s", "1.0", "line 4, time_s: 1.0 is not later than"),
@@ -184,6 +186,21 @@ def test_what_is_wrong_is_said_with_line_and_column(path, line, column, value, m
     path.write_text("".join(",".join(row) + "\n" for row in rows))
     with pytest.raises(TrackError, match=message):
         read_track(path)
+
+
+def test_a_column_that_stands_there_twice_is_refused(path):
+    rows = path.read_text().splitlines()
+    path.write_text("".join(f"{row},{extra}\n" for row, extra in zip(rows, ["roll_deg", *"12345"], strict=True)))
+    with pytest.raises(TrackError, match="line 1: 2 columns are named roll_deg; keep only one of them"):
+        read_track(path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
+def test_a_table_that_a_spreadsheet_saved_as_unicode_text_is_read(path, encoding):
+    mark = "\ufeff" if encoding == "utf-16-be" else ""
+    before = read_track(path)
+    path.write_bytes((mark + path.read_text().replace(",", "\t")).encode(encoding))
+    assert read_track(path).geodetic.tolist() == before.geodetic.tolist()
 
 
 def test_the_poles_and_the_antimeridian_are_places(tmp_path):

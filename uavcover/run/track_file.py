@@ -3,6 +3,7 @@
 Reserved disk space keeps other programs from taking the room that the record of a flight needs.
 """
 
+import codecs
 import contextlib
 import errno
 import io
@@ -20,7 +21,7 @@ import numpy as np
 
 from mission_io.errors import FormatError
 from mission_io.formats.csv_tables import sniff
-from mission_io.formats.text import clean_text
+from mission_io.formats.text import clean_text, plain_float
 from uavcover.errors import OutputError, TrackError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.limits import is_flight_time
@@ -194,7 +195,8 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     try:
         if (track := _plain_track(path)) is not None:
             return ReadTrack(track, ())
-        text = path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes()
+        text = data.decode("utf-16" if data.startswith(_UTF16) else "utf-8-sig")
     except OSError as error:
         raise TrackError(f"{path}: the file cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -211,6 +213,10 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
         _, header = next(rows, (1, []))
     except FormatError as error:
         raise TrackError(f"{path}: {error}") from error
+    if twice := [name for name in (*COLUMNS, *OPTIONAL_COLUMNS) if header.count(name) > 1]:
+        raise TrackError(
+            f"{path}: line 1: {header.count(twice[0])} columns are named {twice[0]}; keep only one of them"
+        )
     missing = [name for name in COLUMNS if name not in header]
     if missing:
         raise TrackError(
@@ -239,6 +245,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     )
 
 
+_UTF16: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _BLOCK_BYTES: Final = 8_000_000
 """A plain table is read in blocks: a log of a thousand rows a second is 250 MB of text in a quarter of an hour."""
 _NO_PLAIN_NUMBERS: Final = re.compile(rb"[^-+.,0-9eE\n]")
@@ -341,7 +348,7 @@ def _number(path: Path, line: int, name: str, row: list[str], place: int) -> flo
     if name in MAY_BE_EMPTY and not row[place].strip():
         return math.nan
     try:
-        value = float(row[place])
+        value = plain_float(row[place].strip())
     except ValueError:
         raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is not a number") from None
     if not math.isfinite(value):

@@ -119,9 +119,11 @@ def test_pictures_alone_are_judged_and_the_flight_is_not(cli, tmp_path, flight):
 
 def test_what_is_a_track_and_what_are_pictures(tmp_path, flight):
     (tmp_path / "DCIM").mkdir()
+    unicode_text = tmp_path / "unicode.csv"
+    unicode_text.write_text((flight / "flight.csv").read_text(), encoding="utf-16")
     given = [flight / "flight.csv", flight / "pictures.csv", tmp_path / "DCIM", tmp_path / "a.MRK", tmp_path / "x.bin"]
-    evidence = evidence_of(given, [tmp_path / "y.bin"])
-    assert evidence.logs == (flight / "flight.csv", tmp_path / "x.bin")
+    evidence = evidence_of([*given, unicode_text], [tmp_path / "y.bin"])
+    assert evidence.logs == (flight / "flight.csv", tmp_path / "x.bin", unicode_text)
     assert evidence.photos == (flight / "pictures.csv", tmp_path / "DCIM", tmp_path / "a.MRK", tmp_path / "y.bin")
 
 

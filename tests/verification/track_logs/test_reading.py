@@ -190,13 +190,17 @@ def test_without_pyulog_the_way_to_get_it_is_said(tmp_path: Path, monkeypatch: p
     [
         (
             '<trkpt lat="1" lon="2"><time>2026-01-01T00:00:00Z</time></trkpt>',
-            "track point 0: ele must be a number, not None",
+            "track point 0: ele is missing; export the track with time and height",
         ),
         (
             '<trkpt lat="x" lon="2"><ele>3</ele><time>2026-01-01T00:00:00Z</time></trkpt>',
             "lat must be a number, not 'x'",
         ),
-        ('<trkpt lat="1" lon="2"><ele>3</ele></trkpt>', "time must be a date and time, not None"),
+        ('<trkpt lat="1" lon="2"><ele>3</ele></trkpt>', "track point 0: time is missing; export the track"),
+        (
+            '<trkpt lat="1_0" lon="2"><ele>3</ele><time>2026-01-01T00:00:00Z</time></trkpt>',
+            "lat must be a number, not '1_0'",
+        ),
         (
             '<trkpt lat="1" lon="2"><ele>nan</ele><time>2026-01-01T00:00:00Z</time></trkpt>',
             "ele must be a number, not 'nan'",

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import shapely
 
+from mission_io.errors import FormatError
 from mission_io.formats.csv_tables import header_of
+from mission_io.formats.text import text_from_bytes
 from uavcover.errors import InputError
 from uavcover.extras.photos.judge_photos import judge_photos
 from uavcover.extras.photos.lists import LOGS, reports_pictures
@@ -76,9 +78,12 @@ def _is_track(path: Path) -> bool:
     """Whether a table is a flown track: it has a time in each row and no names."""
     if not path.is_file():
         return True
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        first = "".join(file.readline(10_000) for _ in range(2))
-    return "time_s" in header_of(first)
+    with path.open("rb") as file:
+        start = file.read(20_000)
+    try:
+        return "time_s" in header_of(text_from_bytes(start).text)
+    except FormatError:
+        return False
 
 
 def verify_evidence(

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_io.formats.text import plain_float
 from mission_io.model.enums import VehicleKind, kind_of
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import FloatArray, IntArray
@@ -386,8 +387,10 @@ def _name(element: ElementTree.Element) -> str:
 
 
 def _number(path: Path, point: int, name: str, text: str | None) -> float:
+    if not text:
+        raise TrackError(f"{path}: track point {point}: {name} is missing; export the track with time and height")
     try:
-        value = float(text) if text is not None else math.nan
+        value = plain_float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
@@ -396,8 +399,10 @@ def _number(path: Path, point: int, name: str, text: str | None) -> float:
 
 
 def _time_s(path: Path, point: int, text: str | None) -> float:
+    if not text:
+        raise TrackError(f"{path}: track point {point}: time is missing; export the track with time and height")
     try:
-        moment = datetime.datetime.fromisoformat(text or "")
+        moment = datetime.datetime.fromisoformat(text)
     except ValueError:
         raise TrackError(f"{path}: track point {point}: time must be a date and time, not {text!r}") from None
     # GPX times are UTC, also those without a zone.
