@@ -4,12 +4,13 @@ import dataclasses
 import math
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from mission_io.model.items import Command, Frame, MissionItem
+from mission_io.model.items import LAST_NAVIGATION, Command, Frame, MissionItem
 from tests.extras.check.test_checks import HIGH, OVER, checked
 from tests.extras.check.worlds import COPTER, HOME_M, LAT, LON, PLANE, command, home, item, mission, up, way, world
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.item_checks import impossible_numbers, value_findings
+from uavcover.extras.check.item_checks import DEFINED, impossible_numbers, value_findings
 from uavcover.extras.check.world import Aircraft
 
 PX4 = Aircraft(autopilot="px4", return_height_m=130.0)
@@ -49,6 +50,14 @@ def told(one: MissionItem, aircraft: Aircraft = COPTER, *more: MissionItem) -> l
         (command(185, 1.0), COPTER, "breaks", "motors off"),
         (command(207, 0.0), COPTER, "look", "fence"),
         (command(208, 2.0), COPTER, "breaks", "parachute"),
+        (command(209, 1.0), COPTER, "unknown", "single motors"),
+        (command(224, 3.0), COPTER, "unknown", "continues at another item"),
+        (command(246, 1.0), COPTER, "breaks", "restarts"),
+        (command(252, 0.0), COPTER, "unknown", "leaves this mission"),
+        (command(262, 1.0), COPTER, "unknown", "changes the flight mode"),
+        (MissionItem(30001, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), LAT, LON, 50.0), COPTER, "unknown", "drop its payload"),
+        (MissionItem(31000, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), LAT, LON, 50.0), COPTER, "unknown", "does not define"),
+        (command(31999), PX4, "unknown", "MAVLink does not define what command 31999 does"),
         (dataclasses.replace(way(100.0, 0.0, 60.0), autocontinue=False), PX4, "look", "autocontinue"),
     ],
 )  # fmt: skip
@@ -56,6 +65,16 @@ def test_it_is_told(one: MissionItem, aircraft: Aircraft, weight: str, word: str
     ((found_weight, what),) = told(one, aircraft)
     assert found_weight == weight
     assert word in what
+
+
+def test_every_command_that_mavlink_defines_is_known() -> None:
+    defined = {
+        int(number)
+        for number, entry in mavlink.enums["MAV_CMD"].items()
+        if number > LAST_NAVIGATION and not entry.name.endswith(("_LAST", "_ENUM_END"))
+    }
+    known = {number for numbers in DEFINED for number in numbers}
+    assert defined - known == set(range(31000, 31015))
 
 
 @pytest.mark.parametrize(

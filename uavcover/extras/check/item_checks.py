@@ -341,6 +341,9 @@ def _taking_over(item: MissionItem) -> Iterator[_Problem]:
         weight, what, applies = row
         if applies(item.params):
             yield weight, what, "remove this item, or ignore the findings of later items"
+    elif item.command > LAST_NAVIGATION and not any(item.command in numbers for numbers in DEFINED):
+        what = f"MAVLink does not define what command {item.command} does; the mission was judged without it"
+        yield "unknown", what, "remove this item, or check what the autopilot does at this item"
 
 
 def _always(_: tuple[float, float, float, float]) -> bool:
@@ -360,11 +363,30 @@ _TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, 
         194: ("unknown", "reverses the direction of travel; judged without this change", lambda params: params[0] == 1.0),
         207: ("look", "disables the fence: the vehicle can leave the area", lambda params: params[0] == 0.0),
         208: ("breaks", "releases the parachute", lambda params: params[0] == 2.0),
+        209: ("unknown", "runs single motors, which autopilots refuse in flight", _always),
         223: ("breaks", "stops the engine", lambda params: params[0] == 0.0),
+        int(Command.DO_SET_MISSION_CURRENT): ("unknown", "continues at another item; the mission was judged without this "
+                                                         "change", _always),
+        246: ("breaks", "restarts or stops the autopilot", lambda params: params[0] > 0.0),
+        252: ("unknown", "holds, or leaves this mission for another position", _always),
+        262: ("unknown", "changes the flight mode: the vehicle then leaves this mission", _always),
+        30001: ("unknown", "flies to a position to drop its payload; the mission was judged without this change", _always),
         int(Command.COMPONENT_ARM_DISARM): ("breaks", "disarms: motors off", lambda params: params[0] == 0.0),
     }
 )  # fmt: skip
 
+
+DEFINED: Final = tuple(
+    range(first, last + 1)
+    for first, last in (
+        (112, 115), (176, 198), (200, 218), (220, 224), (241, 243), (245, 246), (252, 252), (260, 262), (300, 300), (310, 311),
+        (400, 410), (420, 420), (500, 534), (600, 611), (1000, 1001), (2000, 2021), (2500, 2511), (2520, 2520), (2600, 2600),
+        (2800, 2800), (3000, 3001), (4000, 4001), (4501, 4501), (5000, 5005), (5100, 5100), (5200, 5200), (5300, 5300),
+        (10001, 10001), (10151, 10151), (30001, 30002), (32000, 32000), (40001, 40002), (42000, 42007), (42424, 42429),
+        (42501, 42505), (42600, 42600), (42650, 42651), (42700, 42703), (43000, 43005), (60002, 60072),
+    )
+)  # fmt: skip
+"""The commands above the navigation items that MAVLink defines; it leaves 31000 to 31014 to the builder of a vehicle."""
 
 _JUMP_TAG, _DO_JUMP_TAG = 600, 601
 
