@@ -24,7 +24,7 @@ def test_tells_its_port_and_ends_when_told(number: signal.Signals) -> None:
 
 HOLDER = """
 import signal
-from uavcover.cli.whole_chain import mock_process
+from uavcover.cli.demo import mock_process
 with mock_process("jacksboro", "ardupilot", 1.0, 0) as url:
     print(url, flush=True)
     signal.pause()

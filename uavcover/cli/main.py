@@ -92,7 +92,7 @@ def _load(name: str, title: str, entry: Entry) -> Any:
 _CORE: dict[str, dict[str, Entry]] = {
     "Start": {
         "demo": (
-            "uavcover.cli.whole_chain",
+            "uavcover.cli.demo",
             "plan, fly and verify a mission with a mock vehicle",
             ("uavcover demo", "uavcover demo -o RUN --autopilot px4"),
         ),
@@ -166,7 +166,7 @@ _CORE: dict[str, dict[str, Entry]] = {
             ("uavcover fly RUN --to mock:", "uavcover fly RUN --to udp:127.0.0.1:14550 --resume"),
         ),
         "mock-vehicle": (
-            "uavcover.cli.mock_vehicle",
+            "uavcover.cli.fly",
             "simulate a MAVLink vehicle for any ground station",
             (
                 "uavcover mock-vehicle --listen udpin://127.0.0.1:14550",

@@ -1,4 +1,4 @@
-"""The whole chain, stage by stage, as ``demo`` runs it."""
+"""``uavcover demo``: the whole chain on real terrain, against a mock vehicle in another process."""
 
 import json
 import math
@@ -26,7 +26,8 @@ from uavcover.run.provenance import add_stage
 from uavcover.run.user import metres, percent, to_paste
 from uavcover.verification.command import verify_run
 
-# ``uavcover demo``: the whole chain on real terrain, against a mock vehicle in another process.
+_MOCK_START_S = 60.0
+_WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")
 
 
 def demo(
@@ -41,63 +42,44 @@ def demo(
     output: options.Output,
 ) -> int:
     """Plan a mission, upload it to a mock vehicle over UDP, fly it, record it and verify it."""
-    from uavcover.cli.whole_chain import demonstrate
-    from uavcover.planner.command import PlanRequest
-
     console = output.console()
     request = PlanRequest(
         scenario=scenario, folder=run, command=sys.argv, force=force, seed=seed, evaluations=evaluations,
         autopilot=autopilot,
     )  # fmt: skip
-    return demonstrate(request, scenario, console, speed=speed)
-
-
-_MOCK_START_S = 60.0
-_WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")
-
-
-def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed: float) -> int:
-    """The whole chain; returns the exit code.
-
-    Args:
-        request: what is planned, and into which folder.
-        scenario: the same scenario by name or file, for the vehicle's process.
-        console: receives messages.
-        speed: of the vehicle, times real time.
-    """
     started = time.monotonic()
     if not 0.0 < speed < math.inf:
         raise InputError(f"--speed: must be greater than 0, not {speed:g}")
-    run = RunFolder(request.folder)
+    folder = RunFolder(run)
     console.say("1 of 4  plan")
     outcome = plan_into(request, console, check_site=require_home)
     if outcome.exit_code == INTERRUPTED:
-        console.say(f"stopped; the plan is in {run}")
-        console.result({"run": str(run), "plan": outcome.document})
+        console.say(f"stopped; the plan is in {folder}")
+        console.result({"run": str(folder), "plan": outcome.document})
         return INTERRUPTED
     site, route = outcome.site, outcome.plan.chosen.route
-    with mock_process(scenario, request.autopilot or site.scenario.vehicle.autopilot, speed, request.seed) as url:
+    with mock_process(scenario, autopilot or site.scenario.vehicle.autopilot, speed, seed) as url:
         console.say("2 of 4  upload to a mock vehicle in another process and read back")
         at = time.monotonic()
-        uploaded = upload_run(run, site, route, VehicleLink(url=url), console)
-        _stage(run, "upload", at)
+        uploaded = upload_run(folder, site, route, VehicleLink(url=url), console)
+        _stage(folder, "upload", at)
         console.say(f"3 of 4  fly in wind, at {speed:g} times real time")
         at = time.monotonic()
-        flight, flown = fly_run(run, site, route, VehicleLink(url=url), console, FlightOptions(force=True))
-        _stage(run, "fly and record", at)
+        flight, flown = fly_run(folder, site, route, VehicleLink(url=url), console, FlightOptions(force=True))
+        _stage(folder, "fly and record", at)
     if flight.ending is Ending.NOT_FLOWN:
         console.result(
-            {"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown}
+            {"run": str(folder), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown}
         )
         return INTERRUPTED
     console.say("4 of 4 verify the flown track")
     at = time.monotonic()
-    _, verdict = verify_run(run, console, command=request.command)
-    _stage(run, "verify", at)
-    save_report(run, run.file(REPORT_FILE), console)
+    _, verdict = verify_run(folder, console, command=sys.argv)
+    _stage(folder, "verify", at)
+    save_report(folder, folder.file(REPORT_FILE), console)
     console.say()
-    _say_end(console, run, outcome.document, verdict, time.monotonic() - started)
-    console.result({"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown,
+    _say_end(console, folder, outcome.document, verdict, time.monotonic() - started)
+    console.result({"run": str(folder), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown,
                     "verification": verdict, "wall_s": time.monotonic() - started})  # fmt: skip
     if flight.ending in ENDED_BY_USER:
         return INTERRUPTED
