@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uavcover.terrain.file_heights import fill_gaps
+from uavcover.terrain.ground import fill_gaps
 
 
 @settings(max_examples=60)

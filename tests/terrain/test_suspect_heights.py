@@ -13,7 +13,7 @@ from tests.terrain.dem_files import fractal_m
 from uavcover.model.area import RasterTerrain
 from uavcover.scenario.scenario_file import bundled_scenarios, load_scenario, terrain_source
 from uavcover.scenario.site import load_site
-from uavcover.terrain.file_heights import touching
+from uavcover.terrain.ground import touching
 from uavcover.terrain.suspect_heights import _rough_alone, suspect_pixels, suspect_places
 
 SIZE, PIXEL_M = 300, 10.0

@@ -187,7 +187,7 @@ def open_elevation_data(data: ElevationData, *, around: "Bounds | None" = None) 
     from uavcover.model.area import HeightUnit as HeightUnitName
     from uavcover.new.quantities import water_height_m
     from uavcover.new.terrain_look import possible_datums
-    from uavcover.terrain.file_heights import ELLIPSOID, datum_named
+    from uavcover.terrain.frames import ELLIPSOID, datum_named
     from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
     if not data.names:

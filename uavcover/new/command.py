@@ -56,7 +56,7 @@ from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, pl
 from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_height_amsl_m
-from uavcover.terrain.file_heights import datum_named
+from uavcover.terrain.frames import datum_named
 from uavcover.terrain.suspect_heights import trust_asked_for
 
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}

@@ -16,8 +16,7 @@ from uavcover.model.area import Rings
 from uavcover.new.quantities import TERRAIN
 from uavcover.scenario.surface_model import of_surface, refuse_other_heights
 from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
-from uavcover.terrain.file_heights import ELLIPSOID, SEA_LEVEL_DATUMS
-from uavcover.terrain.frames import LocalFrame, lons_beside
+from uavcover.terrain.frames import ELLIPSOID, SEA_LEVEL_DATUMS, LocalFrame, lons_beside
 from uavcover.terrain.terrain_source import TerrainSource
 
 

@@ -20,16 +20,20 @@ from rasterio.windows import Window
 from uavcover.errors import NoElevationError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, places_on_grid
-from uavcover.terrain.file_heights import (
+from uavcover.terrain.frames import (
     DATUMS,
     ELLIPSOID,
+    PIXELS,
+    Bounds,
+    LocalFrame,
     Undulation,
-    fill_gaps,
+    finish_frame,
+    fit_frame,
+    node_ups_m,
     refuse_feet_by_guess,
     unit_of_heights_m,
 )
-from uavcover.terrain.frames import PIXELS, Bounds, LocalFrame, finish_frame, fit_frame, node_ups_m
-from uavcover.terrain.ground import Ground, grid_ground, ground_of_nodes
+from uavcover.terrain.ground import Ground, fill_gaps, grid_ground, ground_of_nodes
 from uavcover.terrain.terrain_source import FILES, TerrainSource, as_source, unreadable
 
 _log = logging.getLogger(__name__)

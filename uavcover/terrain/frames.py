@@ -1,4 +1,4 @@
-"""The local east-north-up frame of a scenario, by pyproj's topocentric pipeline, and the pixels of elevation files in it.
+"""Reference systems: the local east-north-up frame (pyproj's topocentric pipeline), pixels in it, vertical datums, units.
 
 Heights: the frame takes heights above mean sea level (AMSL) where geometry needs heights above the ellipsoid. Within one
 frame the difference, the geoid undulation, is treated as constant. The error is small: undulation changes by centimetres
@@ -6,6 +6,7 @@ per kilometre, and a constant offset of 100 m scales horizontal distances by 100
 """
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 from numpy.typing import ArrayLike
-from pyproj import Transformer
+from pyproj import CRS, Transformer
+from pyproj.exceptions import ProjError
+from pyproj.transformer import TransformerGroup
 
 from mission_io.data_tables import data_table
 from mission_io.model.items import MEAN_RADIUS_M
@@ -263,3 +266,110 @@ def places_of_nodes_m(grid: GridFrame, columns_rows: FloatArray, ups_m: FloatArr
         places[:, :2] += (columns_rows - places_on_grid(grid, places)) @ inverse.T
     places[:, 2] = ups_m
     return places
+
+
+# Vertical datums and units of heights.
+
+_FOOT_M, _SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
+_UNITS_M = {
+    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys(("dm", "decimetre", "decimeter"), 0.1),
+    **dict.fromkeys(("cm", "centimetre", "centimeter"), 0.01),
+    **dict.fromkeys(("ft", "foot", "feet", "international foot"), _FOOT_M),
+    **dict.fromkeys(("us-ft", "ftus", "us survey foot", "foot_us", "us survey feet"), _SURVEY_FOOT_M),
+}
+SEA_LEVEL_DATUMS = {"EGM96": ("egm96", "5773"), "EGM2008": ("egm2008", "3855")}
+ELLIPSOID = "WGS84-ellipsoid"
+DATUMS = (*SEA_LEVEL_DATUMS, ELLIPSOID)
+_WITHOUT_HEIGHT, _ABOVE_EGM96 = 4979, "EPSG:4326+5773"
+
+
+class Undulation:
+    """Height of the EGM96 sea level, which autopilots use, above the WGS 84 ellipsoid, from a grid of PROJ."""
+
+    def __init__(self) -> None:
+        """Looks for the grid; nothing is fetched. Raises TerrainError: PROJ does not have it; names it."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the grid that is not there, which the error names
+            group = TransformerGroup(_WITHOUT_HEIGHT, _ABOVE_EGM96, always_xy=True, allow_ballpark=False)
+        if not group.transformers or not group.best_available:
+            grids = [grid.short_name for operation in group.unavailable_operations for grid in operation.grids]
+            raise TerrainError(
+                f'terrain.vertical_datum: heights above the ellipsoid ("{ELLIPSOID}") require the geoid grid '
+                f"{grids[0] if grids else 'of EGM96'}, which PROJ does not have on this machine; download it (projsync --file "
+                f"{grids[0] if grids else 'us_nga_egm96_15.tif'}), or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
+            )
+        self._to_sea_level = group.transformers[0]
+
+    def heights_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+        """(n,) heights of the sea level above the ellipsoid at geodetic positions.
+
+        Raises:
+            TerrainError: the grid does not reach there.
+        """
+        try:
+            _, _, above = self._to_sea_level.transform(lon_deg, lat_deg, np.zeros(np.shape(lat_deg)), errcheck=True)
+        except ProjError as error:
+            raise TerrainError(f"terrain.vertical_datum: no geoid grid covers the elevation data ({error})") from error
+        return -np.asarray(above, dtype=float)
+
+
+def datum_named(text: str) -> str:
+    """One of ``DATUMS`` as the user writes it. Raises InputError: there is none of that name."""
+    known = {datum.casefold(): datum for datum in DATUMS} | {"ellipsoid": ELLIPSOID}
+    if text.casefold() not in known:
+        raise InputError(f"--vertical-datum: must be EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid, not {text!r}")
+    return known[text.casefold()]
+
+
+def refuse_feet_by_guess(path: object, horizontal: CRS) -> None:
+    """Require the unit of heights that is not stated when positions are in feet: heights often are too.
+
+    Raises:
+        TerrainError: the system is in feet.
+    """
+    axis = horizontal.axis_info[0]
+    if 0.3 < axis.unit_conversion_factor < 0.31:
+        raise TerrainError(
+            f"{path}: the coordinate system {horizontal.name} is in feet, but the file does not state the unit of its heights; "
+            'set terrain.height_unit (--height-unit) to "ft", "us-ft" or "m"'
+        )
+
+
+def unit_of_heights_m(path: object, crs: CRS, vertical_datum: str, unit: str | None) -> float:
+    """The unit of the heights in metres, once datum and unit are checked.
+
+    Args:
+        path: names the file in errors.
+        crs: of the file.
+        vertical_datum: that of the scenario.
+        unit: of the heights, as the file or the scenario has it; none: that of the system, or metres.
+
+    Raises:
+        TerrainError: the file names another datum or unit, or a unit that is not known.
+    """
+    unit_m = _UNITS_M.get((unit or "m").lower().strip())
+    if unit_m is None:
+        raise TerrainError(f"{path}: the heights are in {unit!r}; convert them to metres first")
+    if crs.is_compound:
+        vertical = crs.sub_crs_list[1]
+        words = f"{vertical.name} {vertical.to_authority()}".lower()
+        if not any(word in words for word in SEA_LEVEL_DATUMS.get(vertical_datum, ())):
+            raise _contradiction(path, vertical_datum, vertical.name)
+        axis = vertical.axis_info[0]
+        if unit and abs(axis.unit_conversion_factor / unit_m - 1.0) > 1e-3:
+            raise TerrainError(
+                f"{path}: the file states both {unit!r} and {axis.unit_name!r} as the unit of its heights; convert "
+                "them to metres first"
+            )
+        unit_m = float(axis.unit_conversion_factor)
+    elif len(crs.axis_info) == 3 and vertical_datum != ELLIPSOID:
+        raise _contradiction(path, vertical_datum, f"heights above the ellipsoid of {crs.name}")
+    return unit_m
+
+
+def _contradiction(path: object, vertical_datum: str, found: str) -> TerrainError:
+    return TerrainError(
+        f"terrain.vertical_datum: the scenario says {vertical_datum}, but the file says {found} ({path}); correct the "
+        "scenario, or convert the file (gdalwarp with -t_srs EPSG:4326+5773 for EGM96, EPSG:4326+3855 for EGM2008)"
+    )

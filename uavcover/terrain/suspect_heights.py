@@ -21,8 +21,8 @@ from mission_io.data_tables import data_table
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.terrain.elevation_file import open_raster
-from uavcover.terrain.file_heights import touching
 from uavcover.terrain.frames import Bounds, LocalFrame, lons_beside
+from uavcover.terrain.ground import touching
 from uavcover.terrain.terrain_source import TerrainSource
 
 

@@ -28,7 +28,7 @@ from uavcover.run.file_group import numbered, settle
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import pace_of
-from uavcover.terrain.file_heights import Undulation
+from uavcover.terrain.frames import Undulation
 
 CONTROLLER_POINTS: Final[Mapping[str, int]] = {"wpml": 200, "litchi": LITCHI_WAYPOINTS}
 """Formats of controllers that fly points, stopping at each, and how many points they are given unless the user says.

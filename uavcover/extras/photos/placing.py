@@ -16,8 +16,7 @@ from uavcover.extras.photos.picture import HeightDatum, Picture
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera
 from uavcover.sensing.pictures import camera_axes
-from uavcover.terrain.file_heights import Undulation
-from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame, Undulation
 from uavcover.terrain.ground import Ground
 
 _NO_COURSE_M = 0.5
