@@ -6,6 +6,7 @@ import math
 import pytest
 
 from tests.planner.sites import flat, hills, make_site
+from uavcover.model.sensor import FrameCamera
 from uavcover.planner.baselines.boustrophedon import (
     best_height_agl_m,
     boustrophedons,
@@ -77,3 +78,19 @@ def test_lines_along_an_edge_are_tried_besides_turns_of_the_long_side() -> None:
     for found in (boustrophedons(coverage), list(fewest_lines(coverage, 0.95))):
         angles = [each.layout.angle_rad for each in found if each.layout is not None]
         assert any(is_same_direction(angle, edge) for angle in angles)
+
+
+@pytest.mark.parametrize(("heading_deg", "across"), [(0.0, True), (90.0, False)])
+def test_lines_of_photos_with_a_fixed_heading_run_along_their_heading(heading_deg: float, across: bool) -> None:
+    sensor = FrameCamera(
+        kind="frame-camera", fov_across_deg=80.0, fov_along_deg=40.0, range_m=300.0, mount="stabilised",
+        heading_deg=heading_deg, trigger_distance_m=20.0,
+    )  # fmt: skip
+    site = make_site(flat, ring=((0.0, 0.0), (600.0, 0.0), (600.0, 600.0), (0.0, 600.0)), sensor=sensor, cell_m=20.0)
+    coverage = planning_map(site)
+    found = [each for each in fewest_lines(coverage, 0.98) if each.layout is not None and -each.objectives[0] >= 0.98]
+    best = min(found, key=lambda each: float(each.objectives[2])).layout
+    assert best is not None
+    assert is_same_direction(best.angle_rad, math.pi / 2.0) is across
+    height_m = best_height_agl_m(site)
+    assert len(best.heights_agl_m) <= math.ceil(600.0 / (2.0 * height_m * math.tan(math.radians(40.0)))) + 1

@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+import shapely
+import shapely.affinity
 
 from tests.planner.sites import EXACT, flat, hills, make_site
 from tests.sensing.test_coverage import grid_site
@@ -69,6 +71,28 @@ def test_a_quarter_turn_changes_nothing(sensor):
     a, b = plain.share(plain.seen(route)), turned.share(turned.seen(turned_route))
     assert 0.1 < a < 0.95
     assert a == pytest.approx(b, abs=1e-9)
+
+
+@pytest.mark.parametrize("spacing_m", [1.0, 20.0, 40.0, 55.0])
+@pytest.mark.parametrize("turn_deg", [0.0, 20.0, 45.0, 65.0, 90.0, 200.0])
+def test_photos_with_a_fixed_heading_overlap_in_a_strip(turn_deg, spacing_m):
+    sensor = dataclasses.replace(FRAME, mount="stabilised", heading_deg=300.0, trigger_distance_m=spacing_m)
+    photo = shapely.box(-80.0 * math.tan(math.radians(40.0)), -80.0 * math.tan(math.radians(20.0)), *(
+        80.0 * math.tan(math.radians(half)) for half in (40.0, 20.0)
+    ))  # fmt: skip
+    # Along a line to the north the photo is turned back by as much as the line is turned from it.
+    photo = shapely.affinity.rotate(photo, turn_deg, origin=(0.0, 0.0))
+    photos = [shapely.affinity.translate(photo, 0.0, spacing_m * k) for k in range(-400, 400)]
+    seen = shapely.union_all([each for each in photos if abs(each.centroid.y) < 400.0])
+    widths = np.arange(0.0, 100.0, 0.5)
+    sides = shapely.linestrings([[(side, -spacing_m), (side, spacing_m)] for side in widths])
+    strip_m = float(np.max(widths[shapely.covers(seen.buffer(1e-6), sides)], initial=0.0))
+    assert sensor.strip_half_width_m(80.0, 300.0 + turn_deg) == pytest.approx(strip_m, abs=0.6)
+
+
+def test_a_strip_is_as_wide_as_a_photo_where_that_turns_with_the_lines():
+    for sensor in (FRAME, AHEAD, NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0)):
+        assert sensor.strip_half_width_m(80.0, 77.0) == sensor.half_width_m(80.0) > 0.0
 
 
 def test_a_fixed_heading_does_not_turn_with_the_legs():

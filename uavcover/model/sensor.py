@@ -311,6 +311,24 @@ class FrameCamera(SensorBase):
             return 0.0
         return picture.half_width_m if self.heading_deg is None else min(picture.half_width_m, 0.5 * picture.length_m)
 
+    def strip_half_width_m(self, height_agl_m: float, heading_deg: float) -> float:
+        """See :class:`SensorBase`. Photos with a fixed heading overlap in a strip whose width depends on the lines' heading.
+
+        Beside the line by ``level_m``, photos are as long along the line as in its middle. From there to their farthest corner
+        they get shorter; where they are as long as the distance between two photos the strip ends. If all are shorter, it ends
+        at ``level_m``.
+        """
+        picture = self.flat_picture(height_agl_m)
+        if picture is None or self.heading_deg is None:
+            return self.half_width_m(height_agl_m)
+        turn = math.radians(heading_deg - self.heading_deg)
+        across, along = abs(math.cos(turn)), abs(math.sin(turn))
+        half_m = picture.half_width_m * across, 0.5 * picture.length_m * along
+        corner_m, level_m = sum(half_m), abs(half_m[0] - half_m[1])
+        longest_m = min(picture.length_m / max(across, 1e-9), 2.0 * picture.half_width_m / max(along, 1e-9))
+        spacing_m = self.photo_spacing_m(height_agl_m) or 0.0
+        return corner_m - min(1.0, spacing_m / longest_m) * (corner_m - level_m)
+
     def photo_spacing_m(self, lowest_agl_m: float) -> float | None:
         """See :class:`SensorBase`. With a forward overlap it is computed where a photo shows least.
 

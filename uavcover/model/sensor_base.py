@@ -84,6 +84,10 @@ class SensorBase(ABC):
     def half_width_m(self, height_agl_m: float) -> float:
         """Half the swath width on flat ground from a height; 0 when the sensor does not reach the ground."""
 
+    def strip_half_width_m(self, height_agl_m: float, heading_deg: float) -> float:  # noqa: ARG002
+        """Half the swath width on flat ground along lines with a heading, in both directions of flight."""
+        return self.half_width_m(height_agl_m)
+
     @abstractmethod
     def in_view(self, rays: Rays) -> BoolArray:
         """Whether places are in range and inside the field of view, without a test of what lies between.

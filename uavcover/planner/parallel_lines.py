@@ -24,6 +24,7 @@ from uavcover.planner.baselines.boustrophedon import (
     fly_layout,
     long_side_angle_rad,
     regular_layout,
+    strip_half_width_m,
     width_across_m,
 )
 from uavcover.planner.baselines.contour_lines import NAME as CONTOUR_NAME
@@ -110,8 +111,7 @@ def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     best = best_height_agl_m(site)
-    reach_m = max(site.scenario.sensor.half_width_m(best), site.scenario.area.cell_size_m)
-    wanted = width_across_m(site, angle_rad) / (2.0 * reach_m)
+    wanted = width_across_m(site, angle_rad) / (2.0 * strip_half_width_m(site, angle_rad, best))
     counts = np.unique(np.ceil(np.linspace(_CLOSEST, _FARTHEST, _MOST_COUNTS) * wanted - 1e-9).clip(1.0)).astype(int)
     heights = sorted({best, *np.linspace(low, high, _HEIGHTS + 2)[1:-1].tolist()}, reverse=True)
     tolerances = sorted({min(share * 0.5 * (high - low), PLAIN_TOLERANCE_M) for share in _TOLERANCES})

@@ -32,6 +32,7 @@ from uavcover.planner.baselines.boustrophedon import (
     join_lines,
     line_extents,
     regular_layout,
+    strip_half_width_m,
     to_lines_frame,
     width_across_m,
     with_return_line,
@@ -284,7 +285,7 @@ def _regular(
     limits = site.scenario.limits
     tolerance_m = share * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)
     height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
-    swath_m = 2.0 * max(site.scenario.sensor.half_width_m(height_m), site.scenario.area.cell_size_m)
+    swath_m = 2.0 * strip_half_width_m(site, angle_rad, height_m)
     wanted = widths * width_across_m(site, angle_rad) / swath_m
     lines = math.ceil(wanted) if fewer is None else max(1, math.floor(wanted) - fewer)
     return regular_layout(angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=inset, tolerance_m=tolerance_m)

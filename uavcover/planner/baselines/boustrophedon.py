@@ -280,16 +280,17 @@ def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> 
 
 
 def plain_boustrophedon(site: Site, *, angle_rad: float | None = None) -> SwathLayout:
-    """Lines along the long side, or in a direction, at the height of the widest strip. On flat ground they do not overlap."""
+    """Lines along the long side, or in a direction, at the height of the widest strip. On flat ground they do not overlap.
+
+    They begin near home.
+    """
     angle = long_side_angle_rad(site.area) if angle_rad is None else angle_rad
     height = best_height_agl_m(site)
-    return regular_layout(
-        angle_rad=angle,
-        lines=_lines(site, angle, height, 1.0),
-        height_agl_m=height,
-        inset=0.0,
-        tolerance_m=PLAIN_TOLERANCE_M,
-    )
+    lines = _lines(site, angle, height, 1.0)
+    layout = regular_layout(
+        angle_rad=angle, lines=lines, height_agl_m=height, inset=0.0, tolerance_m=PLAIN_TOLERANCE_M
+    )  # fmt: skip
+    return begun_near_home(site, layout)
 
 
 def boustrophedons(
@@ -380,17 +381,18 @@ def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float, bool]]:
 
 
 def directions_rad(site: Site) -> list[float]:
-    """Directions of tuned lines: along the long side and across it first, then along edges, then the turns between."""
+    """Directions of tuned lines: along the long side, across it, along sides of photos and edges, then the turns between."""
     base, half = long_side_angle_rad(site.area), _TUNED_ANGLES // 2
     along, across, *between = (
         base + k * math.pi / _TUNED_ANGLES for first in range(half) for k in (first, first + half)
     )
-    edges = [
-        each
-        for each in edge_angles_rad(site.area)
-        if not any(is_same_direction(each, other) for other in (along, across, *between))
-    ]
-    return [along, across, *edges[:_TUNED_EDGES], *between]
+    heading_deg = site.scenario.sensor.heading_deg
+    photo = [] if heading_deg is None else [angle_of_heading_rad(heading_deg + turn) for turn in (0.0, 90.0)]
+    photo, edges = (
+        [each for each in some if not any(is_same_direction(each, other) for other in (along, across, *between))]
+        for some in (photo, edge_angles_rad(site.area))
+    )
+    return [along, across, *photo, *edges[:_TUNED_EDGES], *between]
 
 
 def _tuned_heights(site: Site) -> list[float]:
@@ -417,8 +419,14 @@ def _scan(site: Site) -> Iterator[list[SwathLayout]]:
 
 
 def _lines(site: Site, angle_rad: float, height_agl_m: float, factor: float) -> int:
-    strip = 2.0 * max(site.scenario.sensor.half_width_m(height_agl_m), site.scenario.area.cell_size_m)
+    strip = 2.0 * strip_half_width_m(site, angle_rad, height_agl_m)
     return max(1, math.ceil(factor * width_across_m(site, angle_rad) / strip - 1e-9))
+
+
+def strip_half_width_m(site: Site, angle_rad: float, height_agl_m: float) -> float:
+    """Half the swath width on flat ground along lines in a direction, a planning cell at least."""
+    half_m = site.scenario.sensor.strip_half_width_m(height_agl_m, heading_of_angle_deg(angle_rad))
+    return max(half_m, site.scenario.area.cell_size_m)
 
 
 def _evaluate(

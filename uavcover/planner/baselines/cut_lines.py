@@ -24,6 +24,7 @@ from uavcover.planner.baselines.boustrophedon import (
     best_height_agl_m,
     directions_rad,
     evaluated,
+    strip_half_width_m,
     to_lines_frame,
     width_across_m,
 )
@@ -84,10 +85,10 @@ def cut_lines(site: Site, goal: float, is_over: Callable[[], bool] = lambda: Fal
         is_over: whether there is no time left; the first order of each route is always improved.
     """
     height_m = best_height_agl_m(site)
-    reach_m = max(site.scenario.sensor.half_width_m(height_m), site.scenario.area.cell_size_m)
     for share in _LINES:
         made: list[tuple[float, Pieces]] = []
         for angle in directions_rad(site):
+            reach_m = strip_half_width_m(site, angle, height_m)
             lines = max(1, math.ceil(share * width_across_m(site, angle) / (2.0 * reach_m) - 1e-9))
             pieces = cut_pieces(site, angle, lines=lines, reach_m=reach_m, height_agl_m=height_m, goal=goal)
             if 0 < 2 * len(pieces.ends_m) <= _MOST_ENDS:
