@@ -149,3 +149,15 @@ def test_a_cover_of_what_is_asked_follows_the_cover_of_all() -> None:
     whole, some = (each for each in found if each.name == "set-cover")
     assert len(some.route) < len(whole.route)
     assert 0.8 <= -some.objectives[0] / coverage.share(coverage.coverable) < 0.95
+
+
+@pytest.mark.parametrize(("sensor", "apart_m"), [(photos(heading_deg=0.0), 20.0), (DISC, 20.0), (DISC, 60.0)])
+def test_where_several_looks_are_required_nodes_are_closer_together(sensor: Sensor, apart_m: float) -> None:
+    once = make_site(flat, sensor=sensor, ring=LARGE)
+    twice = make_site(flat, sensor=sensor, ring=LARGE, requirements={"looks": 2, "look_distance_m": apart_m})
+    sees_all, least = next(iter(node_lines(once))), next(iter(node_lines(twice)))
+    coverage = CoverageMap(twice, cell_size_m=10.0)
+    assert coverage.share(coverage.seen(sees_all.waypoints_m)) < 0.7
+    # Nodes of neighbouring lines that are nearer than two looks have to be count as one.
+    assert coverage.share(coverage.seen(least.waypoints_m)) > (0.9 if apart_m < 30.0 else 0.78)
+    assert len(least) < 2.3 * len(sees_all)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 
 import numpy as np
@@ -242,6 +242,21 @@ class _Lattice:
 
 
 def _lattices(site: Site, height_agl_m: float) -> list[_Lattice]:
+    """Lattices for flat ground; where several looks are required, the nodes of a line are closer together, or the lines."""
+    required = site.scenario.requirements
+    found = _lattices_for_one_look(site, height_agl_m)
+    if required.looks == 1:
+        return found
+    apart_m = required.look_distance_m or 0.0
+    return [
+        replace(each, spacing_m=each.spacing_m / required.looks)
+        if each.spacing_m >= required.looks * apart_m
+        else replace(each, apart_m=each.apart_m / required.looks)
+        for each in found
+    ]
+
+
+def _lattices_for_one_look(site: Site, height_agl_m: float) -> list[_Lattice]:
     sensor = site.scenario.sensor
     picture = sensor.flat_picture(height_agl_m)
     if picture is None or sensor.heading_deg is None:
