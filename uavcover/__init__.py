@@ -13,28 +13,31 @@ The whole chain, on a run folder that every ``uavcover`` command understands too
     gaps = uc.find_gaps("RUN")
     uc.write_report("RUN")
 
-What stands in ``__all__`` is public; everything else may change. Names are loaded when they are first used.
+Each function does what the command of its name does, with the same checks, on the same run folder: a run begun here is finished
+by a command, and the other way round. See docs/reference/python_api.md.
+
+What stands in ``__all__`` is public; everything else may change. Names and stages are loaded when they are first used: planning
+loads no mock vehicle and no recording.
 """
 
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uavcover.run.user import Unattended, User
+
 if TYPE_CHECKING:
-    from uavcover.api import (
-        compile_mission,
-        find_gaps,
-        fly,
-        plan,
-        select,
-        upload,
-        verify,
-        verify_track,
-    )
     from uavcover.errors import InfeasibleError, InputError, UavcoverError, VehicleError
     from uavcover.flight.command import FlightOptions
-    from uavcover.flight.connect import VehicleLink, connect
+    from uavcover.flight.connect import Connected, VehicleLink, connect
+    from uavcover.missions.mission_compiler import CompiledMission
     from uavcover.model.route import Plan, Route
     from uavcover.model.track import Track
+    from uavcover.model.vehicle import AutopilotName
+    from uavcover.planner.close_gaps import GapMission
     from uavcover.report.page import write_report
     from uavcover.scenario.site import Site, load_site
     from uavcover.verification.verify import Verdict
@@ -70,9 +73,6 @@ _PLACES = {
     "uavcover.model.route": ("Plan", "Route"),
     "uavcover.model.track": ("Track",),
     "uavcover.report.page": ("write_report",),
-    "uavcover.api": (
-        "compile_mission", "find_gaps", "fly", "plan", "select", "upload", "verify", "verify_track",
-    ),
     "uavcover.flight.command": ("FlightOptions",),
     "uavcover.flight.connect": ("VehicleLink", "connect"),
     "uavcover.scenario.site": ("Site", "load_site"),
@@ -91,3 +91,203 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
+
+
+UNATTENDED = Unattended()
+
+
+def plan(
+    site: "Site",
+    *,
+    out: str | Path,
+    evaluations: int | None = None,
+    budget_s: float | None = None,
+    seed: int | None = None,
+    algorithm: str | type | None = None,
+    select: str | None = None,
+    force: bool = False,
+    user: User = UNATTENDED,
+) -> "Plan":
+    """Plan a route that observes the area, and write the run folder with its mission files, as ``uavcover plan`` does.
+
+    Args:
+        site: the scenario on its ground.
+        out: the run folder.
+        evaluations: of the search; equal seed and evaluations give an equal plan. Default: the scenario's.
+        budget_s: search this long instead.
+        seed: of every random number. Default: the scenario's.
+        algorithm: a name, ``module:Class``, or a class with ``ask`` and ``tell``. Default: the scenario's.
+        select: the rule by which one route of the Pareto set is chosen. Default: the scenario's.
+        force: whether a plan that is there may be replaced, with all that belongs to it.
+        user: receives messages, and may stop the search.
+
+    Returns:
+        The Pareto set and the chosen route; ``rule_met`` says whether the rule could be met.
+
+    Raises:
+        InfeasibleError: no route keeps the limits, or the chosen one has no checked mission.
+        OutputError: the folder holds a plan already.
+    """
+    from uavcover.planner.command import PlanRequest, plan_into
+
+    request = PlanRequest(
+        scenario=site, folder=Path(out), command=sys.argv, force=force, seed=seed, evaluations=evaluations,
+        budget_s=budget_s, algorithm=algorithm, select=select,
+    )  # fmt: skip
+    return replace(plan_into(request, user, check_site=lambda _: None).plan, folder=str(out))
+
+
+def select(run: str | Path, rule: str, *, force: bool = False) -> "Plan":
+    """Choose another route of the Pareto set of a run folder, and write its mission files, as ``uavcover select`` does.
+
+    Args:
+        run: the run folder.
+        rule: see :mod:`uavcover.planner.selection_rule`.
+        force: also when the route before was flown; it is kept in a folder of its own.
+    """
+    from uavcover.planner.command import choose
+    from uavcover.run.documents import read_planned
+    from uavcover.run.folder import RunFolder, flown_in
+
+    folder = RunFolder(run)
+    site, _ = read_planned(folder)
+    with folder.reserved(flown_in(folder), force=force):
+        plan = choose(folder, site, rule, autopilot=site.scenario.vehicle.autopilot, command=sys.argv)[0]
+    return replace(plan, folder=str(run))
+
+
+def compile_mission(
+    site: "Site", route: "Plan | Route", *, autopilot: "AutopilotName | None" = None
+) -> "CompiledMission":
+    """The mission, fence and rally points of a route, every leg checked at its full length.
+
+    Args:
+        site: the scenario on its ground.
+        route: a route, or a plan whose chosen route is meant.
+        autopilot: whose dialect. Default: the scenario's.
+
+    Raises:
+        InfeasibleError: a leg, the way there or the way home breaks a hard limit; says which one, where and by how much.
+    """
+    from uavcover.missions.mission_compiler import compile_mission
+    from uavcover.model.route import Plan
+
+    return compile_mission(site, route.chosen.route if isinstance(route, Plan) else route, autopilot=autopilot)
+
+
+def upload(vehicle: "Connected", run: str | Path, *, in_flight: bool = False, user: User = UNATTENDED) -> bool:
+    """Upload the mission, fence and rally points of a run, read each back and compare; writes ``upload.json``.
+
+    Returns:
+        Whether what the vehicle holds is what was meant.
+
+    Raises:
+        VehicleError: the vehicle is not a multirotor, or does not stand where the plan starts; nothing was sent.
+        mission_io.MissionIoError: the vehicle refused or fell silent; says what it holds now.
+    """
+    from uavcover.flight.compiled_flight import send_and_compare
+    from uavcover.run.documents import read_planned
+    from uavcover.run.folder import RunFolder
+
+    folder = RunFolder(run)
+    site, planned = read_planned(folder)
+    with folder.reserved((), force=True):
+        document = send_and_compare(folder, site, planned.route, vehicle, user, in_flight=in_flight)
+    return bool(document["passed"])
+
+
+def fly(
+    vehicle: "Connected", run: str | Path, *, options: "FlightOptions | None" = None, user: User = UNATTENDED
+) -> "Track":
+    """Fly the mission that the vehicle holds, and keep the record in the run folder, as ``uavcover fly`` does.
+
+    Args:
+        vehicle: connected, on the ground.
+        run: the run folder whose mission it holds.
+        options: ``confirmed=True`` arms a vehicle that is not simulated.
+        user: receives messages, and may stop or pause the flight. Without one, Ctrl-C leaves the vehicle as it is, maybe
+            in the air.
+
+    Returns:
+        The flown track, as ``track.csv`` has it.
+
+    Raises:
+        FlightFailedError: the flight did not end as it should; the run folder has what was recorded.
+        OutputError: the folder holds a flight already; ``force=True`` replaces it.
+    """
+    from uavcover.flight.command import USUAL_FLIGHT, fly_connected, refuse_older_flight
+    from uavcover.run.documents import read_planned
+    from uavcover.run.folder import FLIGHT_FILES, RunFolder
+    from uavcover.run.track_file import read_track
+
+    options = USUAL_FLIGHT if options is None else options
+    folder = RunFolder(run)
+    site, planned = read_planned(folder)
+    refuse_older_flight(folder, options)
+    with folder.reserved(FLIGHT_FILES, force=options.force):
+        fly_connected(folder, site, planned.route, vehicle, user, options)
+    return read_track(folder.file("track.csv"))
+
+
+def verify(
+    run: str | Path, *, logs: Sequence[str | Path] = (), accepted: Sequence[str] = (), user: User = UNATTENDED
+) -> "Verdict":
+    """Judge the flight of a run folder from its own track, or from other logs, and write ``verification.json``.
+
+    Args:
+        run: the run folder.
+        logs: ``.csv``, ``.rrd``, ``.bin``, ``.tlog``, ``.ulg`` or ``.gpx``. Default: the run's tracks.
+        accepted: which changes since planning or flight are accepted: "scenario", "terrain", ...
+        user: receives messages.
+
+    Raises:
+        InputError: a log cannot be read, or something changed since planning or flight and was not accepted.
+    """
+    from uavcover.run.folder import RunFolder
+    from uavcover.verification.command import verify_run
+
+    return verify_run(RunFolder(run), user, command=sys.argv, logs=[Path(log) for log in logs], accepted=accepted)[0]
+
+
+def verify_track(site: "Site", track: "Track", plan: "Plan | None" = None) -> "Verdict":
+    """Judge a track in memory; nothing is written, and nothing tells whether it is the track that was recorded.
+
+    Args:
+        site: the scenario on its ground.
+        track: what was flown.
+        plan: what was planned, for the deviation and the planned coverage.
+    """
+    from uavcover.sensing.site_maps import judging_map
+    from uavcover.verification.flown_route import PlannedRoute
+    from uavcover.verification.verify import FlownTrack, verify_flight
+
+    chosen = None if plan is None else plan.chosen
+    planned = None if chosen is None else PlannedRoute(chosen.route.waypoints_m, chosen.metrics.coverage_fraction)
+    return verify_flight(site, judging_map(site), [FlownTrack(track, planned)])
+
+
+def find_gaps(
+    run: str | Path,
+    *,
+    target: float | None = None,
+    min_area_m2: float = 0.0,
+    force: bool = False,
+    user: User = UNATTENDED,
+) -> "GapMission | None":
+    """Group the unobserved cells of a run's flight and plan the mission that observes them, as ``uavcover gaps`` does.
+
+    Args:
+        run: the run folder of a flight.
+        target: share of what can be seen that is enough, 0..1. Default: everything.
+        min_area_m2: smaller gaps stay open.
+        force: whether an older gap mission, and its flight, may be replaced.
+        user: receives messages.
+
+    Returns:
+        The mission, whose own run folder is ``gaps`` inside the run's; none when there is nothing to close.
+    """
+    from uavcover.planner.close_gaps import GapRequest, close_gaps
+    from uavcover.run.folder import RunFolder
+
+    request = GapRequest(target=target, min_area_m2=min_area_m2, force=force)
+    return close_gaps(RunFolder(run), user, request, command=sys.argv)[0]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.planner.sites import hills, make_site
-from uavcover.api import UNATTENDED
+from uavcover import UNATTENDED
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.sensing import site_maps
 
