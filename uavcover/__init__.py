@@ -21,6 +21,7 @@ loads no mock vehicle and no recording.
 """
 
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -66,6 +67,9 @@ __all__ = [
     "verify_track",
     "write_report",
 ]
+
+BEGUN_S = time.monotonic()
+"""When this process began: the time budget of a command counts from here."""
 
 _PLACES = {
     "uavcover.errors": ("InfeasibleError", "InputError", "UavcoverError", "VehicleError"),

@@ -2,8 +2,3 @@
 
 Begin with ``main.py``, which lists the commands of the core and of installed extras.
 """
-
-import time
-
-BEGUN_S = time.monotonic()
-"""When this process began: a time budget counts from here."""

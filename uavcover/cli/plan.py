@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uavcover.cli import BEGUN_S, options
+from uavcover import BEGUN_S
+from uavcover.cli import options
 from uavcover.cli.new import SurveyOptions
 from uavcover.cli.options import option
 
