@@ -4,8 +4,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tests.naive.dominance import dominates
-from uavcover.optimizers.ask_tell import Archive
-from uavcover.optimizers.interface import Solutions
+from uavcover.optimizers.ask_tell import Archive, Solutions
 
 
 def archive_of(capacity, *, d=1, m=2, c=1):

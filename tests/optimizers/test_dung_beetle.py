@@ -7,8 +7,8 @@ import pytest
 
 from tests.optimizers.problems import two_spheres
 from uavcover.optimizers import IMODBO, MODBO
-from uavcover.optimizers.imodbo import dynamic_deflection, dynamic_step, group_sizes
-from uavcover.optimizers.interface import Solutions, survivors
+from uavcover.optimizers.ask_tell import Solutions
+from uavcover.optimizers.imodbo import dynamic_deflection, dynamic_step, group_sizes, survivors
 
 
 def build(algorithm, **overrides):

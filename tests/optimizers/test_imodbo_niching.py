@@ -7,8 +7,8 @@ from tests.naive import niching as naive
 from tests.optimizers.test_contract import *  # noqa: F403 -- its tests run here with the fixture below
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.kernels.niching import dominated_near, last_apart, niche_survivors, spread_out, two_space_medoids
+from uavcover.optimizers.ask_tell import Solutions
 from uavcover.optimizers.imodbo_niching import ImodboNiching, NichePool, neighbours, representatives, smoothed
-from uavcover.optimizers.interface import Solutions
 
 
 class _WithLocalSets(ImodboNiching):

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from uavcover.errors import InputError, OptimizerError, UavcoverError
-from uavcover.kernels.arrays import FloatArray
-from uavcover.optimizers.ask_tell import Archive, AskTellOptimizer, Box, RandomSearch
+from uavcover.kernels.arrays import FloatArray, read_only
+from uavcover.optimizers.ask_tell import Archive, AskAndTell, AskTellOptimizer, Box, ParetoSet, Solutions, finite_array
 from uavcover.optimizers.dung_beetle_variants import (
     DBO,
     ImodboMinusDynamicParameters,
@@ -32,9 +32,8 @@ from uavcover.optimizers.dung_beetle_variants import (
 )
 from uavcover.optimizers.imodbo import IMODBO, MODBO
 from uavcover.optimizers.imodbo_niching import ImodboNiching
-from uavcover.optimizers.interface import AskAndTell, Optimizer, ParetoSet, Solutions, finite_array, read_only
 from uavcover.optimizers.pymoo.adapters import MOEAD, NSGA2, adapted, pymoo_algorithm
-from uavcover.optimizers.rivals import MOGWO, MOSSA, MOWOA
+from uavcover.optimizers.rivals import MOGWO, MOSSA, MOWOA, RandomSearch
 from uavcover.plugins import load, registered
 
 __all__ = [
@@ -50,7 +49,6 @@ __all__ = [
     "AskAndTell",
     "AskTellOptimizer",
     "ImodboNiching",
-    "Optimizer",
     "ParetoSet",
     "RandomSearch",
     "make_optimizer",
@@ -113,7 +111,7 @@ class GuardedOptimizer:
         return self._iteration > 0 and self._called("should_stop", self._says_stop)
 
     def ask(self) -> FloatArray:
-        """See `Optimizer.ask`: ``(n, d)`` read-only candidates inside the bounds, n <= population size."""
+        """See `AskAndTell.ask`: ``(n, d)`` read-only candidates inside the bounds, n <= population size."""
         if self._asked is None:
             x = finite_array(self._called("ask", lambda: self._optimizer.ask()), f"{self._name}.ask()")
             d = self._box.n_variables
@@ -132,7 +130,7 @@ class GuardedOptimizer:
         return self._asked
 
     def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
-        """See `Optimizer.tell`; the optimizer is always given violations, ``(n, c)``."""
+        """See `AskAndTell.tell`; the optimizer is always given violations, ``(n, c)``."""
         if self._asked is None:
             raise OptimizerError("tell: no candidates are open; call ask() first, and tell() once for each ask()")
         n = len(self._asked)
@@ -152,7 +150,7 @@ class GuardedOptimizer:
         self._asked = None
 
     def pareto_set(self) -> ParetoSet:
-        """See `Optimizer.pareto_set`: what the optimizer says, or our archive if it says nothing."""
+        """See `AskAndTell.pareto_set`: what the optimizer says, or our archive if it says nothing."""
         if self._iteration == 0:
             raise OptimizerError("pareto_set: no candidates evaluated yet; complete one ask() and tell() first")
         if not hasattr(self._optimizer, "pareto_set"):

@@ -1,21 +1,137 @@
-"""Common base of our optimizers: the search space with its two ways of sampling, checking, counting, archiving, saving.
+"""Ask and tell: the interface of every optimizer, and the common base of ours, which samples, checks, archives and saves.
 
-What an optimizer proposes is its own. The external archive holds the best solutions so far, few enough to keep and spread along
-the front.
+The optimizer proposes, the caller evaluates: however, wherever and in as many processes as it likes. All objectives are
+minimised; a constraint is a number that is > 0 when violated.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from uavcover.errors import OptimizerError
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.kernels.dominance import crowding_distance, first_occurrences, least_crowded, non_dominated_mask
-from uavcover.optimizers.interface import Optimizer, ParetoSet, Solutions, State, finite_array, read_only
+
+State = dict[str, object]
+
+
+def finite_array(values: npt.ArrayLike, name: str) -> FloatArray:
+    """A float64 copy of ``values``.
+
+    Raises:
+        OptimizerError: Not numbers, or not all finite; the message names the array and the first bad entry.
+    """
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise OptimizerError(f"{name}: this is not an array of numbers ({error}); use rows of equal length") from error
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        place = tuple(int(i) for i in bad[0])
+        raise OptimizerError(f"{name}: entry {place} is {array[place]}; use only finite numbers")
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Solutions:
+    """Rows of decision vectors with what they are worth; n = rows, d = variables, m = objectives, c = constraints."""
+
+    x: FloatArray  # (n, d) decision vectors
+    objectives: FloatArray  # (n, m), minimised
+    violations: FloatArray  # (n, c), > 0 where violated
+
+    def __post_init__(self) -> None:
+        for name in ("x", "objectives", "violations"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @classmethod
+    def none(cls, n_variables: int, n_objectives: int, n_constraints: int) -> "Solutions":
+        """No rows, of these widths."""
+        return cls(np.empty((0, n_variables)), np.empty((0, n_objectives)), np.empty((0, n_constraints)))
+
+    @cached_property
+    def total_violation(self) -> FloatArray:
+        """``(n,)`` sums of the positive parts of the violations; 0 is feasible."""
+        return read_only(np.maximum(self.violations, 0.0).sum(axis=1))
+
+    def rows(self, chosen: npt.NDArray[np.int64 | np.bool_]) -> "Solutions":
+        """The chosen rows: ``(k,)`` row numbers or an ``(n,)`` mask."""
+        return Solutions(self.x[chosen], self.objectives[chosen], self.violations[chosen])
+
+    def followed_by(self, other: "Solutions") -> "Solutions":
+        """These rows, then those of ``other``."""
+        return Solutions(
+            np.concatenate([self.x, other.x]),
+            np.concatenate([self.objectives, other.objectives]),
+            np.concatenate([self.violations, other.violations]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ParetoSet(Solutions):
+    """The best that was found."""
+
+    # True when every row keeps every constraint. False when no feasible point is known: then the rows are the ones with the
+    # smallest total violation, and non-dominated among themselves.
+    feasible: bool
+
+
+class AskAndTell(Protocol):
+    """A multi-objective optimizer with ask and tell, one whole population at a time.
+
+    A round is one ``ask`` and one successful ``tell``. Round 0 samples the first population, the others move it.
+    """
+
+    @property
+    def iteration(self) -> int:
+        """Rounds completed so far."""
+
+    @property
+    def evaluations(self) -> int:
+        """Number of candidates whose values are known so far."""
+
+    @property
+    def should_stop(self) -> bool:
+        """True once all rounds are done."""
+
+    def ask(self) -> FloatArray:
+        """The candidates to evaluate next.
+
+        Asking again before telling returns the same candidates.
+
+        Returns:
+            ``(n, d)`` read-only, inside [lower, upper]; n = population size, d = variables.
+
+        Raises:
+            OptimizerError: All rounds are done.
+        """
+
+    def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
+        """Give the values of the candidates asked last, in their order.
+
+        Args:
+            objectives: ``(n, m)``, finite, minimised; m = objectives.
+            violations: ``(n, c)``, finite, > 0 where violated; c = constraints. May be left out when c is 0. Their
+                positive parts are summed, so constraints should be of comparable scale.
+
+        Raises:
+            OptimizerError: Nothing was asked, a shape is wrong, or a value is not finite. Nothing has changed then: the
+                same candidates can be given to tell() again.
+        """
+
+    def pareto_set(self) -> ParetoSet:
+        """The non-dominated solutions kept so far; feasible ones if there are any, else the least violating.
+
+        Raises:
+            OptimizerError: No candidates are evaluated yet.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +172,7 @@ class Archive:
         """Decision vectors ``(count, d)``, each the less crowded of two drawn at random."""
         one, other = rng.integers(0, len(self), size=(2, count))
         less_crowded = np.where(self.crowding[one] >= self.crowding[other], one, other)
-        chosen: FloatArray = self.solutions.x[less_crowded]
-        return chosen
+        return np.asarray(self.solutions.x[less_crowded])
 
     def pareto_set(self) -> ParetoSet:
         """Content of the archive, as a result."""
@@ -125,7 +240,7 @@ class Box:
         return self.scaled((slices.T - within) / n)
 
 
-class AskTellOptimizer(Optimizer, ABC):
+class AskTellOptimizer(AskAndTell, ABC):
     """An optimizer of a fixed number of rounds of one population each, with an external archive.
 
     Subclasses say what to propose and what to remember. Random numbers are drawn while asking, or while telling once
@@ -174,7 +289,11 @@ class AskTellOptimizer(Optimizer, ABC):
         self._max_iterations = _at_least(1, max_iterations, "max_iterations")
         capacity = population_size if archive_size is None else _at_least(1, archive_size, "archive_size")
         self._initial = self._checked_starts(initial)
-        sampling, moves = _independent_streams(seed, 2)
+        # Spawning from the caller's sequence would change it: what it generates seeds a sequence of our own.
+        own = (
+            seed.generate_state(8).tolist() if isinstance(seed, np.random.SeedSequence) else _at_least(0, seed, "seed")
+        )
+        sampling, moves = map(np.random.default_rng, np.random.SeedSequence(own).spawn(2))
         self._rngs = {"sampling": sampling, "moves": moves}
         self._iteration = 0
         self._asked: FloatArray | None = None
@@ -219,24 +338,30 @@ class AskTellOptimizer(Optimizer, ABC):
         return self._iteration >= self._max_iterations
 
     def ask(self) -> FloatArray:
-        """See `Optimizer.ask`: ``(n, d)`` read-only candidates inside the bounds."""
+        """See `AskAndTell.ask`: ``(n, d)`` read-only candidates inside the bounds."""
         if self._asked is None:
             if self.should_stop:
                 raise OptimizerError(
                     f"ask: all {self._max_iterations} iterations are done; stop at should_stop, or raise max_iterations"
                 )
-            candidates = self._first_candidates() if self._iteration == 0 else self._move(self._rngs["moves"])
+            if self._iteration == 0:
+                candidates = np.concatenate([self._initial, self._sample(self._rngs["sampling"])[len(self._initial) :]])
+            else:
+                candidates = self._move(self._rngs["moves"])
             self._asked = read_only(self._box.clipped(candidates))
         return self._asked
 
     def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
-        """See `Optimizer.tell`: ``(n, m)`` objectives and ``(n, c)`` violations of the candidates asked last."""
+        """See `AskAndTell.tell`: ``(n, m)`` objectives and ``(n, c)`` violations of the candidates asked last."""
         if self._asked is None:
             raise OptimizerError("tell: no candidates are open; call ask() first, and tell() once for each ask()")
+        if violations is None and self._n_constraints > 0:
+            raise OptimizerError(f"tell: violations are missing; use ({self._population_size}, {self._n_constraints})")
+        violations = np.empty((self._population_size, 0)) if violations is None else violations
         evaluated = Solutions(
             self._asked,
             self._checked_values(objectives, "objectives", self._n_objectives),
-            self._checked_violations(violations),
+            self._checked_values(violations, "violations", self._n_constraints),
         )
         self._archive = self._archive_with(evaluated)
         self._learn(evaluated)
@@ -244,7 +369,7 @@ class AskTellOptimizer(Optimizer, ABC):
         self._asked = None
 
     def pareto_set(self) -> ParetoSet:
-        """See `Optimizer.pareto_set`: what the archive holds."""
+        """See `AskAndTell.pareto_set`: what the archive holds."""
         if self._iteration == 0:
             raise OptimizerError("pareto_set: no candidates evaluated yet; complete one ask() and tell() first")
         return self._archive.pareto_set()
@@ -254,8 +379,7 @@ class AskTellOptimizer(Optimizer, ABC):
         return self.pareto_set()
 
     def state_dict(self) -> State:
-        """See `Optimizer.state_dict`."""
-        best = self._archive.solutions
+        """All that is needed to go on later, random streams included: dicts, numbers, strings and copied arrays."""
         return {
             "algorithm": type(self).__name__,
             "settings": {
@@ -272,16 +396,18 @@ class AskTellOptimizer(Optimizer, ABC):
             "streams": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
             "asked": None if self._asked is None else self._asked.copy(),
             "archive": {
-                "x": best.x.copy(),
-                "objectives": best.objectives.copy(),
-                "violations": best.violations.copy(),
+                name: getattr(self._archive.solutions, name).copy() for name in ("x", "objectives", "violations")
             },
             "memory": {name: values.copy() for name, values in self._memory().items()},
         }
 
     @classmethod
     def from_state(cls, state: State) -> Self:
-        """See `Optimizer.from_state`."""
+        """The optimizer that ``state_dict`` described; it continues exactly as the saved one would have.
+
+        Raises:
+            OptimizerError: The state belongs to another algorithm.
+        """
         saved: dict[str, Any] = state
         if saved.get("algorithm") != cls.__name__:
             raise OptimizerError(f"state: saved by {saved.get('algorithm')!r}, so {cls.__name__!r} cannot load it")
@@ -295,10 +421,6 @@ class AskTellOptimizer(Optimizer, ABC):
         if saved["memory"]:
             optimizer._recall({name: values.copy() for name, values in saved["memory"].items()})
         return optimizer
-
-    def _first_candidates(self) -> FloatArray:
-        sampled = self._sample(self._rngs["sampling"])
-        return np.concatenate([self._initial, sampled[len(self._initial) :]])
 
     def _checked_starts(self, initial: npt.ArrayLike | None) -> FloatArray:
         d = self._box.n_variables
@@ -320,36 +442,8 @@ class AskTellOptimizer(Optimizer, ABC):
             raise OptimizerError(f"tell: {name} have shape {array.shape}; use {expected}, with one row per candidate")
         return array
 
-    def _checked_violations(self, violations: npt.ArrayLike | None) -> FloatArray:
-        if violations is None and self._n_constraints > 0:
-            raise OptimizerError(f"tell: violations are missing; use ({self._population_size}, {self._n_constraints})")
-        if violations is None:
-            return np.empty((self._population_size, 0))
-        return self._checked_values(violations, "violations", self._n_constraints)
-
-
-class RandomSearch(AskTellOptimizer):
-    """Independent uniform samples in every round, the floor that every other algorithm has to stand above.
-
-    See `AskTellOptimizer` for the arguments.
-    """
-
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.uniform(self._population_size, rng)
-
-    _move = _sample
-
 
 def _at_least(smallest: int, value: int, name: str) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < smallest:
         raise OptimizerError(f"{name} is {value!r}; use a whole number >= {smallest}")
     return int(value)
-
-
-def _independent_streams(seed: int | np.random.SeedSequence, count: int) -> list[np.random.Generator]:
-    if isinstance(seed, np.random.SeedSequence):
-        # Spawning from the caller's sequence would change it: what it generates seeds a sequence of our own.
-        root = np.random.SeedSequence(seed.generate_state(8).tolist())
-    else:
-        root = np.random.SeedSequence(_at_least(0, seed, "seed"))
-    return [np.random.default_rng(child) for child in root.spawn(count)]

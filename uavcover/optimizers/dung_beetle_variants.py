@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.dominance import non_dominated_ranks
-from uavcover.optimizers.ask_tell import AskTellOptimizer
+from uavcover.optimizers.ask_tell import AskTellOptimizer, Solutions
 from uavcover.optimizers.imodbo import (
     IMODBO,
     MODBO,
@@ -35,7 +35,6 @@ from uavcover.optimizers.imodbo import (
     small_beetle,
     thief,
 )
-from uavcover.optimizers.interface import Solutions
 
 
 class DBO(AskTellOptimizer):

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from uavcover.kernels.arrays import FloatArray, IntArray
-from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import Solutions, survivors
+from uavcover.kernels.dominance import least_crowded, non_dominated_ranks
+from uavcover.optimizers.ask_tell import AskTellOptimizer, Solutions
 
 ROLLING_PROBABILITY = 0.9  # else the roller meets an obstacle and dances
 STRAIGHT_PROBABILITY = 0.9  # alpha = +1, else -1
@@ -356,3 +356,24 @@ class IMODBO(DungBeetleOptimizer):
 
     def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
         return disturbed_small_beetle(x, area, t=self._iteration, t_max=self._max_iterations, rng=rng)
+
+
+def survivors(solutions: Solutions, count: int) -> tuple[IntArray, IntArray]:
+    """The ``count`` best rows: whole fronts first, then the least crowded of the front that does not fit.
+
+    Fronts follow the feasibility rules: feasible before infeasible, less total violation before more, then dominance.
+
+    Args:
+        solutions: n rows, n >= count.
+        count: how many survive.
+
+    Returns:
+        ``(count,)`` row numbers, ascending, and ``(count,)`` the number of each one's front, 0 for the first.
+    """
+    ranks = non_dominated_ranks(solutions.objectives, solutions.total_violation)
+    last = int(np.sort(ranks)[count - 1])
+    whole = np.flatnonzero(ranks < last)
+    split = np.flatnonzero(ranks == last)
+    spared = split[least_crowded(solutions.objectives[split], count - len(whole))]
+    chosen = np.sort(np.concatenate([whole, spared]))
+    return chosen, ranks[chosen]

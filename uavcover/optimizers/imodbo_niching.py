@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.niching import dominated_near, last_apart, niche_survivors, spread_out, two_space_medoids
+from uavcover.optimizers.ask_tell import ParetoSet, Solutions, State
 from uavcover.optimizers.imodbo import IMODBO, breeder, roller, thief
-from uavcover.optimizers.interface import ParetoSet, Solutions, State
 
 _NEIGHBOURS = 8  # for the local stretch of the map from x to f
 _SPACING_GROWTH, _SPACING_DECAY = 1.15, 0.97
@@ -353,7 +353,7 @@ class ImodboNiching(IMODBO):
         return self._pool.sifted(self._slack)
 
     def pareto_set(self) -> ParetoSet:
-        """See `Optimizer.pareto_set`: the rows of the pool that stand for all of it, in both spaces.
+        """See `AskAndTell.pareto_set`: the rows of the pool that stand for all of it, in both spaces.
 
         Unlike other algorithms' results they can include rows that another dominates: from outside of their niche, and, if
         local sets are not wanted, by no more than ``last_slack`` of the front's range at the end.
@@ -382,7 +382,7 @@ class ImodboNiching(IMODBO):
         return super().pareto_set()
 
     def state_dict(self) -> State:
-        """See `Optimizer.state_dict`."""
+        """See `AskAndTell.state_dict`."""
         state: dict[str, Any] = super().state_dict()
         state["settings"]["local_sets_wanted"] = self._local_sets_wanted
         return state

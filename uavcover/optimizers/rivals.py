@@ -21,8 +21,8 @@ import numpy.typing as npt
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.dominance import crowding_distance
-from uavcover.optimizers.ask_tell import Archive, AskTellOptimizer
-from uavcover.optimizers.interface import Solutions, survivors
+from uavcover.optimizers.ask_tell import Archive, AskTellOptimizer, Solutions
+from uavcover.optimizers.imodbo import survivors
 
 
 def cells(objectives: FloatArray, *, n_grid: int, inflation: float) -> IntArray:
@@ -413,3 +413,15 @@ class MOWOA(AskTellOptimizer):
 
     def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
         self._whales = memory["whales"]
+
+
+class RandomSearch(AskTellOptimizer):
+    """Independent uniform samples in every round, the floor that every other algorithm has to stand above.
+
+    See `AskTellOptimizer` for the arguments.
+    """
+
+    def _sample(self, rng: np.random.Generator) -> FloatArray:
+        return self._box.uniform(self._population_size, rng)
+
+    _move = _sample

@@ -17,7 +17,7 @@ from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
-from uavcover.optimizers.interface import AskAndTell
+from uavcover.optimizers.ask_tell import AskAndTell
 from uavcover.planner.baselines import cut_lines
 from uavcover.planner.baselines.boustrophedon import (
     RETURNING,

@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 from uavcover.errors import OptimizerError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.optimizers.interface import finite_array
+from uavcover.optimizers.ask_tell import finite_array
 
 
 def hypervolume(objectives: npt.ArrayLike, reference: npt.ArrayLike) -> float:

@@ -23,8 +23,7 @@ import numpy.typing as npt
 
 from uavcover.errors import OptimizerError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.optimizers.ask_tell import Archive, AskTellOptimizer
-from uavcover.optimizers.interface import ParetoSet, Solutions
+from uavcover.optimizers.ask_tell import Archive, AskTellOptimizer, ParetoSet, Solutions
 
 
 def pymoo_missing(what: str, reason: ImportError) -> OptimizerError:
@@ -193,7 +192,7 @@ class NSGA2(PymooOptimizer):
         )
 
     def pareto_set(self) -> ParetoSet:
-        """See `Optimizer.pareto_set`: the best front of the population, at most ``archive_size`` of it."""
+        """See `AskAndTell.pareto_set`: the best front of the population, at most ``archive_size`` of it."""
         if self._iteration == 0:
             return super().pareto_set()
         alive = Solutions(*self._algorithm.pop.get("X", "F", "G"))

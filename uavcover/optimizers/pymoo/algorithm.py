@@ -12,8 +12,7 @@ import numpy as np
 from uavcover.errors import OptimizerError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers import ALGORITHMS
-from uavcover.optimizers.ask_tell import AskTellOptimizer
-from uavcover.optimizers.interface import ParetoSet
+from uavcover.optimizers.ask_tell import AskTellOptimizer, ParetoSet
 from uavcover.optimizers.pymoo.adapters import PymooOptimizer, pymoo_missing
 
 try:

@@ -17,7 +17,7 @@ from uavcover.kernels import route as kernels
 from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.missions.objectives import evaluate_routes
 from uavcover.model.route import Route
-from uavcover.optimizers.interface import AskAndTell
+from uavcover.optimizers.ask_tell import AskAndTell
 from uavcover.planner.baselines.boustrophedon import SwathLayout, fly_layout
 from uavcover.planner.terrain_following import allowed_band_m, finite_heights, lay_over_terrain
 from uavcover.scenario.site import Site
