@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Final, Protocol, Self, runtime_checkable
 
 from mission_io.errors import LinkError
-from mission_io.wire.framing import FramingCounts, frames_of
+from mission_io.wire.codec import FramingCounts, frames_of
 
 DEFAULT_HOST: Final = "127.0.0.1"
 DEFAULT_BAUD: Final = 57_600

@@ -35,7 +35,7 @@ from mission_io.links.datagrams import (
     framing_of,
 )
 from mission_io.links.stream import TcpListeningLink, connect_tcp, open_serial
-from mission_io.wire.framing import FramingCounts, frames_by_length, frames_of
+from mission_io.wire.codec import FramingCounts, frames_by_length, frames_of
 from mission_io.wire.signing import SystemClock, UnixClock
 
 LINK_FORMS: Final = (

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Final, Protocol
 
 from mission_io.errors import LinkError, MisuseError
 from mission_io.links.datagrams import DEFAULT_BAUD, DEFAULT_HOST, Clock, Closing, MonotonicClock, port_of
-from mission_io.wire.framing import Framer, FramingCounts
+from mission_io.wire.codec import Framer, FramingCounts
 
 QUIET_S: Final = 0.5
 """Silence after which an apparent start of a long frame is given up if frames wait after it."""

@@ -1,21 +1,187 @@
-"""MAVLink bytes to messages and back.
+"""MAVLink bytes to messages and back: frames found in bytes that may be corrupted, checked, decoded, encoded and built.
 
-The layout of each message is in ``message_table``. Frames are found by their checksum, so garbage, corrupted and unknown
-messages are skipped and counted, and no datagram affects the next one. Peers are addressed in MAVLink 2, or in MAVLink 1
-when they speak nothing newer.
+The layout of each message is in ``message_table``. A frame is found by its checksum. Bytes that are no frame are skipped one
+at a time and counted, and the result does not depend on how the bytes were split: no datagram affects the next one. At most one
+unfinished frame is kept, and the checksum reads every byte at most once for each earlier position where a frame could begin: no
+input makes this slow. Peers are addressed in MAVLink 2, or in MAVLink 1 when they speak nothing newer.
 """
 
+import re
 import struct
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, Final
 
 from mission_io.errors import MisuseError
 from mission_io.wire import messages as m
-from mission_io.wire.framing import SIGNED_FLAG, Framer, WireFrame, mavlink1_frame, mavlink2_frame
-from mission_io.wire.message_table import BY_CLASS, BY_ID, MessageRow
+from mission_io.wire.message_table import BY_CLASS, BY_ID, CRC_EXTRAS, PAYLOAD_SIZES, MessageRow, checksum
+from mission_io.wire.messages import WireFrame
 from mission_io.wire.signing import SignatureCheck, Signing
+
+SIGNATURE_SIZE: Final = 13
+SIGNED_FLAG: Final = 0x01
+"""The incompatibility flag of a frame with a signature; frames with any other such flag are no frames to us."""
+
+LARGEST_FRAME: Final = 10 + 255 + 2 + SIGNATURE_SIZE
+
+_MAGIC_1, _MAGIC_2 = 0xFE, 0xFD
+_HEADER_1, _HEADER_2 = 6, 10
+_CHECKSUM_SIZE = 2
+_MAGIC: Final = re.compile(rb"[\xfd\xfe]")
+
+
+@dataclass(frozen=True, slots=True)
+class FramingCounts:
+    """Counts of a framer."""
+
+    garbage_bytes: int = 0  # bytes that belong to no frame, those of damaged frames included
+    checksum_errors: int = 0  # places where a whole frame would be, if its checksum were right
+    truncated_frames: int = 0  # places where a frame begins that does not end
+
+    def __add__(self, other: "FramingCounts") -> "FramingCounts":
+        return FramingCounts(
+            self.garbage_bytes + other.garbage_bytes,
+            self.checksum_errors + other.checksum_errors,
+            self.truncated_frames + other.truncated_frames,
+        )
+
+
+class Framer:
+    """Finds the frames in a stream of bytes. Never raises on what it is fed."""
+
+    def __init__(self) -> None:
+        self._unfinished = b""
+        self._garbage = self._checksum_errors = self._truncated = 0
+
+    @property
+    def counts(self) -> FramingCounts:
+        """Counts up to now, without the bytes of an unfinished frame."""
+        return FramingCounts(self._garbage, self._checksum_errors, self._truncated)
+
+    @property
+    def unfinished_bytes(self) -> int:
+        """Bytes that may be the beginning of a frame; always fewer than ``LARGEST_FRAME``."""
+        return len(self._unfinished)
+
+    def feed(self, data: bytes) -> list[WireFrame]:
+        """The frames that these bytes complete."""
+        buffer = self._unfinished + data
+        frames: list[WireFrame] = []
+        start = 0
+        while (magic := _MAGIC.search(buffer, start)) is not None:
+            self._garbage += magic.start() - start
+            start = magic.start()
+            size = _claimed_size(buffer, start)
+            if size > len(buffer) - start:
+                break
+            frame = _frame(buffer[start : start + size]) if size else None
+            if frame is None:
+                self._checksum_errors += int(size > 0)
+                self._garbage += 1
+                start += 1
+            else:
+                frames.append(frame)
+                start += size
+        else:
+            self._garbage += len(buffer) - start
+            start = len(buffer)
+        self._unfinished = bytes(buffer[start:])
+        return frames
+
+    def end(self) -> list[WireFrame]:
+        """Nothing belongs to the bytes so far any more (a datagram is over): the frames inside an unfinished one."""
+        frames: list[WireFrame] = []
+        while self._unfinished:
+            frames.extend(self._give_up())
+        return frames
+
+    def end_if_frames_wait(self) -> list[WireFrame]:
+        """The same, but only when whole frames wait after an unfinished one: for a quiet stream."""
+        if Framer().feed(self._unfinished[1:]):
+            return self._give_up()
+        return []
+
+    def _give_up(self) -> list[WireFrame]:
+        rest, self._unfinished = self._unfinished[1:], b""
+        self._truncated += 1
+        self._garbage += 1
+        return self.feed(rest)
+
+
+def frames_of(data: bytes) -> list[WireFrame]:
+    """The frames of one datagram, by their checksums."""
+    framer = Framer()
+    return [*framer.feed(data), *framer.end()]
+
+
+def frames_by_length(data: bytes) -> list[bytes]:
+    """The frames of a datagram by their lengths, checksums unread; none where the lengths do not fit."""
+    frames, start = [], 0
+    while start < len(data):
+        size = _claimed_size(data, start) if data[start] in (_MAGIC_1, _MAGIC_2) else 0
+        if not 0 < size <= len(data) - start:
+            return []
+        frames.append(data[start : start + size])
+        start += size
+    return frames
+
+
+def mavlink2_frame(
+    message_id: int, payload: bytes, *, seq: int, system_id: int, component_id: int, flags: int = 0
+) -> bytes:
+    """A MAVLink 2 frame without its signature; zeros at the payload's end are left out, as MAVLink 2 does."""
+    payload = payload.rstrip(b"\0") or payload[:1]
+    header = bytes([_MAGIC_2, len(payload), flags, 0, seq, system_id, component_id]) + message_id.to_bytes(3, "little")
+    return _with_checksum(header + payload, message_id)
+
+
+def mavlink1_frame(message_id: int, payload: bytes, *, seq: int, system_id: int, component_id: int) -> bytes:
+    """A MAVLink 1 frame. Raises MisuseError: the message came with MAVLink 2: its number is above 255."""
+    if message_id > 255:
+        raise MisuseError(f"message {message_id} does not exist in MAVLink 1, whose message IDs end at 255")
+    header = bytes([_MAGIC_1, len(payload), seq, system_id, component_id, message_id])
+    return _with_checksum(header + payload, message_id)
+
+
+def _with_checksum(frame: bytes, message_id: int) -> bytes:
+    return frame + checksum(frame[1:] + bytes([CRC_EXTRAS[message_id]])).to_bytes(_CHECKSUM_SIZE, "little")
+
+
+def _claimed_size(buffer: bytes, start: int) -> int:
+    """The size of the frame that may begin here, at least its minimum; 0 when none begins."""
+    rest = len(buffer) - start
+    if buffer[start] == _MAGIC_1:
+        if rest < _HEADER_1:
+            return _HEADER_1 + _CHECKSUM_SIZE
+        length = buffer[start + 1]
+        known = length <= PAYLOAD_SIZES.get(buffer[start + 5], -1)
+        return _HEADER_1 + length + _CHECKSUM_SIZE if known else 0
+    if rest < _HEADER_2:
+        return _HEADER_2 + _CHECKSUM_SIZE
+    flags = buffer[start + 2]
+    # a payload longer than we know is fine: a newer peer may have more extensions.
+    if flags & ~SIGNED_FLAG or int.from_bytes(buffer[start + 7 : start + 10], "little") not in CRC_EXTRAS:
+        return 0
+    return _HEADER_2 + buffer[start + 1] + _CHECKSUM_SIZE + (SIGNATURE_SIZE if flags else 0)
+
+
+def _frame(data: bytes) -> WireFrame | None:
+    """The frame that these bytes are, if its checksum is right."""
+    signature = b""
+    if data[0] == _MAGIC_1:
+        version, header = 1, _HEADER_1
+        _, length, seq, system_id, component_id, message_id = data[:_HEADER_1]
+    else:
+        version, header = 2, _HEADER_2
+        _, length, flags, _, seq, system_id, component_id = data[:7]
+        message_id = int.from_bytes(data[7:10], "little")
+        if flags:
+            signature = data[-SIGNATURE_SIZE:]
+    end = header + length
+    if checksum(data[1:end] + bytes([CRC_EXTRAS[message_id]])) != int.from_bytes(data[end : end + 2], "little"):
+        return None
+    return WireFrame(version, seq, system_id, component_id, message_id, data[header:end], data, signature)
 
 
 def message_id(kind: type[Any]) -> int:

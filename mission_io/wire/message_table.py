@@ -1,14 +1,108 @@
-"""The MAVLink messages as rows: name, and for each field the conversion between the wire value and units."""
+"""The MAVLink messages as rows: layout by MAVLink's own tables, and for each field the conversion between wire value and units.
 
+The only module that imports pymavlink.
+"""
+
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from operator import attrgetter, itemgetter
+from struct import Struct
 from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as _dialect
 
 from mission_io.errors import MisuseError
 from mission_io.model.plain_text import plain_text
 from mission_io.wire import messages as m
-from mission_io.wire.framing import Layout, layout_of
+
+_EVENT_ID: Final = 410
+_EVENT_STRUCT: Final = Struct("<IIH3B40B")
+_EVENT_CRC_EXTRA: Final = 160
+"""EVENT of the common message set, which pymavlink's tables lack."""
+
+CRC_EXTRAS: Final[Mapping[int, int]] = {
+    **{number: kind.crc_extra for number, kind in _dialect.mavlink_map.items()},
+    _EVENT_ID: _EVENT_CRC_EXTRA,
+}
+"""For each message id of the dialect, the byte that goes last into its checksum."""
+
+PAYLOAD_SIZES: Final[Mapping[int, int]] = {
+    **{number: kind.unpacker.size for number, kind in _dialect.mavlink_map.items()},
+    _EVENT_ID: _EVENT_STRUCT.size,
+}
+"""For each message id of the dialect, the size of its payload with all extensions, in bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Packing of the payload of a kind of message."""
+
+    name: str  # its MAVLink name, in small letters
+    message_id: int  # its number
+    struct: Struct  # packs and unpacks the whole payload, extensions included
+    # for each field, where its first value is among the values of ``struct``, and how many it has
+    places: Mapping[str, tuple[int, int]]
+
+    @property
+    def value_count(self) -> int:
+        """Number of values that ``struct`` packs."""
+        return sum(count for _, count in self.places.values())
+
+    def size_before(self, field: str) -> int:
+        """The bytes of the payload before a field; before its first extension that is all MAVLink 1 has."""
+        index = self.places[field][0]
+        items = _format_items(self.struct.format)
+        return Struct("<" + "".join(items[:index])).size
+
+
+_LATER_EXTENSIONS: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
+    "mission_ack": (("opaque_id", "I"),),
+    "mission_count": (("opaque_id", "I"),),
+    "mission_current": (("mission_id", "I"), ("fence_id", "I"), ("rally_points_id", "I")),
+}
+"""Extensions of the common message set that pymavlink's tables may lack, each with its format. Checksums do not know them."""
+
+
+_EVENT_PLACES: Final = {
+    **{
+        field: (place, 1)
+        for place, field in enumerate(
+            ("id", "event_time_boot_ms", "sequence", "destination_component", "destination_system", "log_levels")
+        )
+    },
+    "arguments": (6, 40),
+}
+
+
+def layout_of(name: str) -> Layout:
+    """The layout of a message by its MAVLink name, in small letters."""
+    if name == "event":
+        return Layout(name, _EVENT_ID, _EVENT_STRUCT, _EVENT_PLACES)
+    kind = getattr(_dialect, f"MAVLink_{name}_message")
+    places: dict[str, tuple[int, int]] = {}
+    start = 0
+    for field, count in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
+        places[field] = (start, count)
+        start += count
+    packed = kind.unpacker.format
+    for field, letter in _LATER_EXTENSIONS.get(name, ()):
+        if field not in places:
+            places[field] = (start, 1)
+            start, packed = start + 1, packed + letter
+    return Layout(name, kind.id, Struct(packed), places)
+
+
+def checksum(data: bytes) -> int:
+    """CRC-16/MCRF4XX, the checksum of every MAVLink frame."""
+    crc: int = _dialect.x25crc(data).crc
+    return crc
+
+
+def _format_items(text: str) -> list[str]:
+    """One format for each value: ``<B50s2H`` is ``B``, ``50s``, ``H``, ``H``."""
+    found = re.findall(r"(\d*)([a-zA-Z])", text)
+    return [item for n, letter in found for item in ([n + letter] if letter == "s" else [letter] * int(n or 1))]
 
 
 @dataclass(frozen=True, slots=True)

@@ -397,3 +397,16 @@ def _int32(value: float, name: str, seq: int) -> int:
     if not -_INT32_LIMIT <= value < _INT32_LIMIT:  # also false for NaN
         raise MisuseError(f"item {seq}: the {name} does not fit in a MISSION_ITEM_INT")
     return round(value)
+
+
+class WireFrame(NamedTuple):
+    """One frame whose checksum is right."""
+
+    version: int  # MAVLink 1 or 2
+    seq: int  # the sender's count of its frames, from 0 to 255 and over again
+    system_id: int  # who sent it
+    component_id: int  # which part of the sender
+    message_id: int  # the kind of message
+    payload: bytes  # its payload; in MAVLink 2 without the zeros at its end
+    data: bytes  # all of the frame's bytes, the signature included
+    signature: bytes  # link id, timestamp and signature (13 bytes), or nothing

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final, Protocol, Self
 
 from mission_io.errors import LinkError, MisuseError
-from mission_io.wire.framing import WireFrame
+from mission_io.wire.messages import WireFrame
 
 TIMESTAMP_SUFFIX: Final = ".timestamp"
 

@@ -16,8 +16,7 @@ from mission_io.formats.point_route import PointRoute
 from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.ftp import FtpMessage
 from mission_io.wire import messages as wire
-from mission_io.wire.codec import Codec
-from mission_io.wire.framing import LARGEST_FRAME, Framer
+from mission_io.wire.codec import LARGEST_FRAME, Codec, Framer
 from mission_io.wire.messages import item_from_message, message_from_item
 from scripts.attack.fuzz_files import Target, check, of_latin, of_text
 from uavcover.cli.main import _one_line

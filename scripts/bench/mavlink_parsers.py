@@ -15,8 +15,7 @@ from collections.abc import Callable, Sequence
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from mission_io.wire import messages as m
-from mission_io.wire.codec import Codec
-from mission_io.wire.framing import Framer, mavlink2_frame
+from mission_io.wire.codec import Codec, Framer, mavlink2_frame
 from mission_io.wire.signing import Signing, SigningKey, SystemClock, UnsavedTimestamps
 
 Parser = Callable[[bytes], int]

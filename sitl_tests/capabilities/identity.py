@@ -4,7 +4,7 @@ from mission_io.autopilots.mission_lists import mission_from_wire, wire_items
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command, MissionType
 from mission_io.wire import messages as m
-from mission_io.wire.framing import Framer
+from mission_io.wire.codec import Framer
 from sitl_tests.capabilities.demonstration import SCENARIO
 from sitl_tests.case import Case, Finding
 from sitl_tests.errors import CheckFailedError, require

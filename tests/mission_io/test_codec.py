@@ -15,8 +15,8 @@ from mission_io.errors import MisuseError
 from mission_io.model.enums import LandedState, MissionState
 from mission_io.wire import message_table
 from mission_io.wire import messages as m
-from mission_io.wire.codec import Codec, LinkStatistics, SequenceCounter, message_id
-from mission_io.wire.framing import layout_of, mavlink2_frame
+from mission_io.wire.codec import Codec, LinkStatistics, SequenceCounter, mavlink2_frame, message_id
+from mission_io.wire.message_table import layout_of
 from mission_io.wire.messages import Heartbeat, HomePosition, Message
 
 SAMPLES: list[m.Message] = [

@@ -7,8 +7,7 @@ import unicodedata
 import pytest
 
 from mission_io.model.plain_text import counted, escaped_json, plain_lines, plain_text, plain_values
-from mission_io.wire.codec import Codec
-from mission_io.wire.framing import mavlink2_frame
+from mission_io.wire.codec import Codec, mavlink2_frame
 from mission_io.wire.message_table import ROWS
 from tests.hostile_text import HOSTILE, control_characters, hostile_bytes
 

@@ -9,7 +9,7 @@ from mission_io.autopilots.autopilot import PX4
 from mission_io.links.datagrams import FORGOTTEN_AFTER_S
 from mission_io.links.opening import parse_link_url
 from mission_io.links.stream import MOST_PEERS, QUIET_S, SEND_BUFFER_BYTES, TcpListeningLink
-from mission_io.wire.framing import LARGEST_FRAME
+from mission_io.wire.codec import LARGEST_FRAME
 from mission_io.wire.signing import Signing, SigningKey, SystemClock, UnsavedTimestamps
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.test_signing import private

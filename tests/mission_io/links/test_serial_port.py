@@ -16,7 +16,7 @@ from mission_io.links import stream
 from mission_io.links.opening import open_link
 from mission_io.links.stream import ChannelLink, open_serial
 from mission_io.model.items import Frame, MissionType, waypoint
-from mission_io.wire.framing import FramingCounts
+from mission_io.wire.codec import FramingCounts
 from tests.mission_io.links.streams import PATIENCE_S, frames, received
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

@@ -9,8 +9,7 @@ from mission_io.errors import LinkError
 from mission_io.links.datagrams import StreamLink
 from mission_io.links.simulated import ManualClock
 from mission_io.links.stream import QUIET_S, SEND_BUFFER_BYTES, ChannelLink, FramedChannel, OpenChannel
-from mission_io.wire.codec import Codec
-from mission_io.wire.framing import FramingCounts
+from mission_io.wire.codec import Codec, FramingCounts
 from mission_io.wire.messages import StatusText
 from tests.mission_io.links.streams import PATIENCE_S, frames, received
 

@@ -12,7 +12,7 @@ from mission_io.links.datagrams import Link, StreamLink
 from mission_io.links.opening import open_link
 from mission_io.links.stream import MOST_PEERS, TcpListeningLink, connect_tcp
 from mission_io.model.items import Frame, MissionType, waypoint
-from mission_io.wire.framing import FramingCounts
+from mission_io.wire.codec import FramingCounts
 from tests.mission_io.links.streams import PATIENCE_S, frames, received
 from tests.mission_io.real_vehicle import flying_on
 from tests.mission_io.vehicle import VehiclePeer

@@ -8,8 +8,7 @@ from pymavlink import mavutil
 from mission_io.errors import LinkError
 from mission_io.links.opening import FLUSH_S, LoggedLink, TelemetryLogWriter
 from mission_io.model.enums import AutopilotId, VehicleClass
-from mission_io.wire.codec import Codec
-from mission_io.wire.framing import FramingCounts
+from mission_io.wire.codec import Codec, FramingCounts
 from mission_io.wire.messages import Heartbeat, MissionCount, MissionRequestInt
 
 START_S = 1_790_000_000.25

@@ -24,7 +24,7 @@ from mission_io.autopilots.mission_lists import refuse_impossible
 from mission_io.errors import MisuseError
 from mission_io.links.datagrams import Link, WrappingLink
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.wire.framing import frames_of
+from mission_io.wire.codec import frames_of
 from mission_io.wire.messages import Address, MissionItemInt, item_from_message, message_to_send
 from uavcover.errors import VehicleError
 
