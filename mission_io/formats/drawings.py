@@ -319,8 +319,7 @@ def _listed_places(text: str) -> tuple[list[LatLon], list[str]]:
         try:
             found = words_of(content, 2)
         except FormatError as error:
-            what = error.what.replace("columns; expected 2", "numbers; a position has 2")
-            raise FormatError(what, where=where, advice=error.advice or "latitude, then longitude") from None
+            raise FormatError(error.what, where=where, advice=error.advice or "latitude, then longitude") from None
         if found.changed:
             repairs.append(f"{where}: {found.changed}{' to spaces' if found.has_other_separators else ''}")
         lat_deg, lon_deg = (finite_number(word, where) for word in found.words)

@@ -22,7 +22,7 @@ from uavcover.missions.fleet_schedule import (
     timeline_of,
     unsafe_starts,
 )
-from uavcover.missions.sorties import compile_sorties
+from uavcover.missions.flights import compile_sorties
 from uavcover.model.sensor import SphereSensor
 from uavcover.model.vehicle import AutopilotName, Fleet
 

@@ -14,11 +14,11 @@ import shapely
 from tests.planner.sites import flat, hills, make_site, with_scenario
 from tests.verification.flights import fly_along
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.missions.flights import compile_flights
+from uavcover.missions.flights import compile_flights, compile_sorties
 from uavcover.missions.leg_checks import find_problems
-from uavcover.missions.mission_compiler import compile_mission
+from uavcover.missions.mission_compiler import Sortie, compile_mission
 from uavcover.missions.objectives import judge, mission_cost
-from uavcover.missions.sorties import Sortie, check_reach, compile_sorties
+from uavcover.missions.way_cost import check_reach
 from uavcover.model.limits import NoFly
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor

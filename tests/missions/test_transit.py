@@ -11,8 +11,8 @@ from mission_io.model.items import fence_from_items, items_from_fence
 from tests.planner.sites import flat, hills, make_site
 from tests.planner.test_no_fly import assert_stays_out, circle, ring
 from uavcover.errors import InfeasibleError
+from uavcover.missions.flights import compile_sorties
 from uavcover.missions.mission_compiler import check_fence, compile_continuation, compile_mission, compile_return
-from uavcover.missions.sorties import compile_sorties
 from uavcover.missions.transit import fence_of
 from uavcover.model.route import Route
 from uavcover.planner.command import PlanRequest, plan_into

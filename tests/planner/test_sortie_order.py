@@ -8,9 +8,9 @@ import pytest
 from tests.planner.sites import make_site, ridge, with_scenario
 from uavcover.kernels.way_cost import split
 from uavcover.missions.fleet_cuts import share_out
+from uavcover.missions.flights import compile_sorties
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.objectives import judge_member, mission_cost, straight_flight_costs
-from uavcover.missions.sorties import compile_sorties
 from uavcover.model.route import Route
 from uavcover.model.vehicle import Fleet, PowerModel, Wind
 from uavcover.planner.final_choice import ChosenRoute, choose

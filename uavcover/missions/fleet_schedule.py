@@ -6,6 +6,7 @@ of pieces excludes an interval of the difference between the two starts, and all
 vehicle also stands at home for a while before its take-off and after its landing. ``tests/naive/fleet.py`` looks at every moment.
 """
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
@@ -16,11 +17,11 @@ import numpy as np
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
-from uavcover.missions.sorties import Sortie
+from uavcover.missions.mission_compiler import Sortie
 from uavcover.missions.transit import home_of
 from uavcover.model.vehicle import AutopilotName, Fleet
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicles import pace_of
+from uavcover.scenario.vehicles import pace_of, vehicle_sites
 from uavcover.sensing.sensors import trigger_distance_m
 
 
@@ -347,3 +348,48 @@ class _OrderSearch:
                     if value[0] < best[0] - _LEAST_GAIN_S:
                         order, best, better = other, value, True
         return order
+
+
+def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
+    """The flights with the vehicle that flies each and its take-off, so that all keep apart (``missions/fleet_schedule.py``)."""
+    timelines = [timeline_of(site, flight, autopilot=autopilot) for flight in flights]
+    starts = schedule(timelines, site.scenario.fleet)
+    return tuple(
+        dataclasses.replace(flight, vehicle=start.vehicle + 1, start_s=start.start_s)
+        for flight, start in zip(flights, starts, strict=True)
+    )
+
+
+def scheduled_unlike(site: Site, flights: Sequence[Sortie]) -> tuple[Sortie, ...]:
+    """The flights of vehicles that differ, each with its vehicle already, with take-offs at which all keep apart."""
+    fleet, sites = site.scenario.fleet, vehicle_sites(site)
+    if fleet.one_at_a_time:
+        return _one_after_the_other(flights, fleet.turnaround_s)
+    timelines = []
+    for flight in flights:
+        own = sites[flight.vehicle - 1]
+        timelines.append(timeline_of(own, flight, autopilot=own.scenario.vehicle.autopilot))
+    starts = schedule(timelines, fleet, vehicle_of=[flight.vehicle - 1 for flight in flights])
+    return tuple(
+        dataclasses.replace(flight, start_s=start.start_s) for flight, start in zip(flights, starts, strict=True)
+    )
+
+
+def _one_after_the_other(flights: Sequence[Sortie], turnaround_s: float) -> tuple[Sortie, ...]:
+    """Schedule flights with this pause between landing and take-off.
+
+    All flights from one home come before those from the next.
+    """
+    start_s, found = 0.0, {}
+    for k in sorted(range(len(flights)), key=lambda k: (flights[k].vehicle, k)):
+        found[k] = dataclasses.replace(flights[k], start_s=start_s)
+        start_s += flights[k].compiled.flight_time_s + turnaround_s
+    return tuple(found[k] for k in range(len(flights)))
+
+
+def makespan_s(site: Site, flights: Sequence[Sortie]) -> float:
+    """Planned time from the first take-off to the last landing. Flights without take-off times are those of one vehicle."""
+    if all(flight.start_s is None for flight in flights):
+        times_s = [flight.compiled.flight_time_s for flight in flights]
+        return math.fsum(times_s) + site.scenario.fleet.turnaround_s * (len(flights) - 1)
+    return max((flight.start_s or 0.0) + flight.compiled.flight_time_s for flight in flights)

@@ -1,22 +1,29 @@
-"""The flights of a planned route with vehicles and take-off times, what they come to, and their files."""
+"""The flights of a planned route: how it is split, with vehicles and take-off times, what they come to, and their files."""
 
 import dataclasses
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
+
+import numpy as np
 
 from mission_io.formats import wpl
 from mission_io.formats.files import FORMATS, mission_text
 from mission_io.formats.plan import PlanFile
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.missions.fleet_schedule import schedule, timeline_of
-from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission
-from uavcover.missions.sorties import Sortie, compile_sorties, compile_unlike_sorties, sharing_home
+from uavcover.kernels.flight_time import landing_time
+from uavcover.kernels.way_cost import FlightCosts, battery_s, split
+from uavcover.missions.fleet_cuts import FlightsOfVehicles, fleet_cuts, unlike_cuts
+from uavcover.missions.fleet_schedule import makespan_s, scheduled, scheduled_unlike
+from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, MissionTooLongError, Sortie, compile_mission
+from uavcover.missions.objectives import checked, flight_costs_along_transits, flights_of_split, tighter, without
+from uavcover.missions.way_cost import battery_in_words, longest_flight_in_words
 from uavcover.model.route import MissionSize, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import load
 from uavcover.scenario.site import Site, once
-from uavcover.scenario.vehicles import groups_of, vehicle_sites
+from uavcover.scenario.vehicles import groups_of, pace_of, vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
 """Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench/fleet.py)."""
@@ -25,7 +32,7 @@ _SPACING_SHARES = (1.0, 0.5)
 def compile_flights(
     site: Site, route: Route, *, autopilot: AutopilotName | None = None, vehicles: int | None = None
 ) -> tuple[Sortie, ...]:
-    """The missions of a planned route: one, or several where endurance, items or vehicles ask for it (see ``sorties``).
+    """The missions of a planned route: one, or several where endurance, items or vehicles ask for it.
 
     Args:
         site: the scenario on its ground.
@@ -100,51 +107,6 @@ def _of_groups(
             for flight in flights
         ]
     return tuple(found)
-
-
-def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
-    """The flights with the vehicle that flies each and its take-off, so that all keep apart (``missions/fleet_schedule.py``)."""
-    timelines = [timeline_of(site, flight, autopilot=autopilot) for flight in flights]
-    starts = schedule(timelines, site.scenario.fleet)
-    return tuple(
-        dataclasses.replace(flight, vehicle=start.vehicle + 1, start_s=start.start_s)
-        for flight, start in zip(flights, starts, strict=True)
-    )
-
-
-def scheduled_unlike(site: Site, flights: Sequence[Sortie]) -> tuple[Sortie, ...]:
-    """The flights of vehicles that differ, each with its vehicle already, with take-offs at which all keep apart."""
-    fleet, sites = site.scenario.fleet, vehicle_sites(site)
-    if fleet.one_at_a_time:
-        return _one_after_the_other(flights, fleet.turnaround_s)
-    timelines = []
-    for flight in flights:
-        own = sites[flight.vehicle - 1]
-        timelines.append(timeline_of(own, flight, autopilot=own.scenario.vehicle.autopilot))
-    starts = schedule(timelines, fleet, vehicle_of=[flight.vehicle - 1 for flight in flights])
-    return tuple(
-        dataclasses.replace(flight, start_s=start.start_s) for flight, start in zip(flights, starts, strict=True)
-    )
-
-
-def _one_after_the_other(flights: Sequence[Sortie], turnaround_s: float) -> tuple[Sortie, ...]:
-    """Schedule flights with this pause between landing and take-off.
-
-    All flights from one home come before those from the next.
-    """
-    start_s, found = 0.0, {}
-    for k in sorted(range(len(flights)), key=lambda k: (flights[k].vehicle, k)):
-        found[k] = dataclasses.replace(flights[k], start_s=start_s)
-        start_s += flights[k].compiled.flight_time_s + turnaround_s
-    return tuple(found[k] for k in range(len(flights)))
-
-
-def makespan_s(site: Site, flights: Sequence[Sortie]) -> float:
-    """Planned time from the first take-off to the last landing. Flights without take-off times are those of one vehicle."""
-    if all(flight.start_s is None for flight in flights):
-        times_s = [flight.compiled.flight_time_s for flight in flights]
-        return math.fsum(times_s) + site.scenario.fleet.turnaround_s * (len(flights) - 1)
-    return max((flight.start_s or 0.0) + flight.compiled.flight_time_s for flight in flights)
 
 
 def size_of(site: Site, flights: Sequence[Sortie]) -> MissionSize:
@@ -238,3 +200,218 @@ def export_text(compiled: CompiledMission, file_format: str, *, autopilot: Autop
         raise InputError(f"unknown format {file_format!r}; use {', '.join(FORMATS)}")
     lists = PlanFile(compiled.mission, compiled.fence, compiled.rally, AUTOPILOTS[autopilot].mav_autopilot)
     return mission_text(file_format, lists, name=name)
+
+
+def compile_sorties(
+    site: Site,  # the scenario on its ground
+    route: Route,  # the planned route
+    *,
+    autopilot: AutopilotName,  # the autopilot whose limits apply
+    # how many points of its path a flight may have, transits included; none: any number
+    most_points: int | None = None,
+    vehicles: int = 1,  # how many fly at the same time
+    # share of the time between two landings at one home that is left between the starts of two vehicles; with less than
+    # 1 the flights are more even, and other pairs than neighbours must not land together
+    spacing_share: float = 1.0,
+) -> tuple[Sortie, ...]:
+    """Compile a route as one flight, or as several with their own transits where endurance or item count require it.
+
+    The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time. For several
+    vehicles the route is cut so that they are done soonest (``missions/fleet_cuts.py``).
+
+    Raises:
+        InputError: the scenario has no position on Earth or no home.
+        InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
+    """
+    refusal = InfeasibleError("no split into sorties meets the limits")
+    flyer = _Flyer(site, autopilot, most_points)
+    if vehicles == 1 or len(route) < 2:
+        try:
+            return (Sortie(0, len(route) - 1, route, flyer.compiled(route)),)
+        except MissionTooLongError as error:
+            if len(route) < 2:
+                raise
+            refusal = error
+
+    def cut(costs: Sequence[FlightCosts]) -> FlightsOfVehicles | None:
+        found = _cuts(costs[0], site, vehicles, spacing_share)
+        return None if found is None else [(first, last, 0) for first, last in found]
+
+    return _cut_and_compiled([flyer], route, cut, refusal)
+
+
+def compile_unlike_sorties(
+    sites: Sequence[Site], route: Route, *, spacing_share: float = 1.0, one_at_a_time: bool = False
+) -> tuple[Sortie, ...]:
+    """Compile a route as flights of vehicles that differ, each from its own home, so that they are done soonest.
+
+    Args:
+        sites: of each vehicle, vehicle 1 first.
+        route: the planned route.
+        spacing_share: as of :func:`compile_sorties`, for vehicles whose homes are no farther apart than paths are planned.
+        one_at_a_time: whether no vehicle flies before the one before it has landed.
+
+    Raises:
+        InfeasibleError: a leg breaks a limit, or no vehicle reaches a part of the route inside its endurance (says which).
+    """
+    fleet = sites[0].scenario.fleet
+
+    def cut(costs: Sequence[FlightCosts]) -> FlightsOfVehicles | None:
+        spacing_s = spacing_share * max(
+            _spacing_s(each, site, len(sites)) for each, site in zip(costs, sites, strict=True)
+        )
+        ready_s = [spacing_s * before for before in sharing_home(sites, fleet.planned_separation_m)]
+        return unlike_cuts(costs, turnaround_s=fleet.turnaround_s, ready_s=ready_s, one_at_a_time=one_at_a_time)
+
+    flyers = [_Flyer(site, site.scenario.vehicle.autopilot, None) for site in sites]
+    if len(route) < 2:
+        return _one_of(flyers, route)
+    return _cut_and_compiled(flyers, route, cut, InfeasibleError("no split into sorties meets the limits"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Flyer:
+    """A vehicle, or all vehicles that are alike."""
+
+    site: Site
+    autopilot: AutopilotName
+    most_points: int | None
+
+    def costs(self, route: Route) -> FlightCosts:
+        return flight_costs_along_transits(self.site, route, self.autopilot, self.most_points)
+
+    def compiled(self, route: Route) -> CompiledMission:
+        compiled = compile_mission(self.site, route, autopilot=self.autopilot)
+        if self.most_points is not None and len(compiled.path_m) > self.most_points:
+            raise MissionTooLongError(
+                f"the flight has {len(compiled.path_m)} points including transits; the limit is {self.most_points}"
+            )
+        return compiled
+
+
+def sharing_home(sites: Sequence[Site], near_m: float) -> list[int]:
+    """Number of vehicles before each one that start at its home, or beside it."""
+    homes = [site.home_m for site in sites]
+    return [
+        sum(
+            home is not None and other is not None and float(np.linalg.norm(home - other)) < near_m
+            for other in homes[:number]
+        )
+        for number, home in enumerate(homes)
+    ]
+
+
+def _one_of(flyers: Sequence[_Flyer], route: Route) -> tuple[Sortie, ...]:
+    """A route of one waypoint, by the vehicle that is done soonest."""
+    found: list[Sortie] = []
+    refusal = InfeasibleError("the scenario has no vehicle")
+    for number, flyer in enumerate(flyers, start=1):
+        try:
+            found.append(Sortie(0, len(route) - 1, route, flyer.compiled(route), vehicle=number))
+        except InfeasibleError as error:
+            refusal = error
+    if not found:
+        raise refusal
+    return (min(found, key=lambda sortie: sortie.compiled.flight_time_s),)
+
+
+def _cut_and_compiled(
+    flyers: Sequence[_Flyer],
+    route: Route,
+    cut: Callable[[Sequence[FlightCosts]], FlightsOfVehicles | None],
+    refusal: InfeasibleError,
+) -> tuple[Sortie, ...]:
+    """Compiled flights of a split. What the compiler refuses is left out of the next split."""
+    costs = [flyer.costs(route) for flyer in flyers]
+    compiled: dict[tuple[int, int, int], CompiledMission] = {}
+    all_checked: set[int] = set()
+    for attempt in range(200):  # new splits after the compiler has refused a flight of the previous one
+        flights = cut(costs)
+        if flights is None:
+            reasons = dict.fromkeys(
+                _why_not(flyer.site, each, refusal) for flyer, each in zip(flyers, costs, strict=True)
+            )
+            raise InfeasibleError("; or ".join(reasons)) from refusal
+        for first, last, number in flights:
+            if (first, last, number) in compiled:
+                continue
+            flyer, own = flyers[number], costs[number]
+            try:
+                compiled[first, last, number] = flyer.compiled(Route(route.waypoints_m[first : last + 1]))
+            except MissionTooLongError as error:
+                # The compiler includes costs that the estimate does not.
+                refusal, costs[number] = error, without(own, first, last)
+                # flights excluded one by one for being too long, before the room of every flight is reduced
+                if attempt >= 60:
+                    costs[number] = tighter(costs[number])
+                break
+            except InfeasibleError as error:
+                # a transit that breaks a limit bars only its own waypoint from beginning or ending a flight, and no
+                # other. Transits are checked one by one, and only where it matters.
+                refusal, own = error, own if number in all_checked else checked(own, flyer.site, route)
+                all_checked.add(number)
+                costs[number] = without(own, first, last)
+                break
+        else:
+            return tuple(
+                Sortie(
+                    first, last, Route(route.waypoints_m[first : last + 1]), compiled[first, last, number], number + 1
+                )
+                for first, last, number in flights
+            )
+    raise InfeasibleError(f"cannot split the route into sorties: {refusal}") from refusal
+
+
+def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -> Sequence[tuple[int, int]] | None:
+    """First and last waypoint of each flight of the split that is done soonest; none when no split exists."""
+    if vehicles > 1:
+        return fleet_cuts(
+            costs, vehicles=vehicles, turnaround_s=site.scenario.fleet.turnaround_s,
+            spacing_s=spacing_share * _spacing_s(costs, site, vehicles),
+        )  # fmt: skip
+    total_s, begun = split(costs)
+    if not math.isfinite(total_s):
+        return None
+    return flights_of_split(begun, costs.shared)
+
+
+def _spacing_s(costs: FlightCosts, site: Site, vehicles: int) -> float:
+    """Approximate time between landings of two vehicles at one home, so that the second comes late enough."""
+    fleet = site.scenario.fleet
+    flight_s = min(costs.endurance_s, float(costs.so_far_s[-1]) / vehicles)
+    column_s = float(landing_time(pace_of(site), site.scenario.vehicle.takeoff_height_m))
+    return 2.0 * (fleet.timing_error_fraction * flight_s + fleet.start_error_s) + fleet.pad_s + column_s
+
+
+def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
+    """Message naming the part of a route that no flight reaches, and by how much."""
+    step = costs.shared
+    firsts = np.arange(len(costs.so_far_s) - step)
+
+    def part(first: int) -> str:
+        return f"the leg to waypoint {first + 1}" if step else f"waypoint {first}"
+
+    least = (
+        costs.there_s[firsts] + (costs.so_far_s[firsts + step] - costs.so_far_s[firsts]) + costs.back_s[firsts + step]
+    )
+    worst = int(np.argmax(np.where(np.isfinite(least), least, -math.inf)))
+    if least[worst] > costs.endurance_s:
+        return (
+            f"{part(worst)}: a sortie with this part alone takes {least[worst]:.0f} s including transits, but "
+            f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
+        )
+    used = np.array([battery_s(costs.energies, int(first), int(first) + step) for first in firsts])
+    worst = int(np.argmax(used))
+    if used[worst] > costs.energies.usable_s:
+        return (
+            f"{part(worst)}: a sortie with this part alone uses {battery_in_words(site, float(used[worst]))}; move "
+            "[home] nearer, plan a smaller area, or fly in less wind"
+        )
+    items = costs.there_items[firsts] + costs.each_items * (step + 1) + costs.back_items[firsts + step]
+    most = int(np.argmax(items))
+    if items[most] > costs.item_limit:
+        return (
+            f"{part(most)}: a sortie with this part alone has {items[most]} points or items; the limit is "
+            f"{costs.item_limit:g}"
+        )
+    return f"cannot split the route into sorties: {refusal}"

@@ -393,3 +393,16 @@ def _home_point(frame: LocalFrame, home_m: FloatArray) -> GeoPoint:
 
 def _place(point_m: FloatArray) -> tuple[float, float, float]:
     return float(point_m[0]), float(point_m[1]), float(point_m[2])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sortie:
+    """One flight of a planned route."""
+
+    first: int  # number of its first waypoint in the whole route
+    last: int  # number of its last waypoint; for sensing along the path, the next sortie begins there too
+    route: Route  # its waypoints
+    compiled: CompiledMission  # its mission, from take-off at home to landing there
+    vehicle: int = 1  # who flies it, from 1
+    # its planned take-off, since the first take-off of all; none where there is no schedule
+    start_s: float | None = None

@@ -2,13 +2,15 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from uavcover.errors import InputError
+from uavcover.errors import InfeasibleError, InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.energy import Power, column_energies, landing_energy, path_energies, star_energies, takeoff_energy
 from uavcover.kernels.flight_time import landing_time, takeoff_time
+from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import (
     ENERGY,
     LENGTH,
@@ -25,7 +27,8 @@ from uavcover.missions.transit import transit
 from uavcover.model.vehicle import AutopilotName, Vehicle, Wind
 from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicles import pace_of
-from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import trigger_distance_m, whatever_heading
 
 
 def power_of(vehicle: Vehicle, *, gust_m_s: float = 0.0) -> Power:
@@ -283,4 +286,49 @@ def battery_in_words(site: Site, used_s: float) -> str:
         f"{used_s / hover_s:.0%} of a battery{blows}; only {usable_s(vehicle) / hover_s:.0%} is usable "
         f"(vehicle.reserve_fraction = {vehicle.reserve_fraction:g}, vehicle.power.uncertainty_fraction = "
         f"{vehicle.power.uncertainty_fraction:g})"
+    )
+
+
+def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | None) -> None:
+    """Refuse an area of which no flights reach enough, before a route is searched for.
+
+    Counted is the least that a flight to a cell takes: take-off, the straight line to where the sensor may see it and back at
+    cruise speed, and landing.
+
+    Args:
+        sites: of the vehicles, each with its home.
+        coverage: the cells to be seen, with those that can be.
+        required: share of these; none: anything.
+
+    Raises:
+        InfeasibleError: fewer are within reach, or nothing can be seen from allowed heights at all.
+    """
+    site, coverable = sites[0], coverage.coverable
+    weight_m2 = coverage.grid.weight_m2[coverable]
+    if not weight_m2.size:
+        raise InfeasibleError(
+            "area: no part of the area can be observed from within the fence and the height band; check "
+            "sensor.range_m, the heights in [limits], and the no-fly zones"
+        )
+    if any(each.home_m is None or each.scenario.vehicle.longest_flight_s is None for each in sites):
+        return
+    centres_m = coverage.grid.cells.centre_m[coverable, :2]
+    least_s, room_s = np.full(len(weight_m2), math.inf), np.full(len(weight_m2), -math.inf)
+    for each in sites:
+        vehicle, pace, home = each.scenario.vehicle, pace_of(each), each.home_m
+        if home is None or vehicle.longest_flight_s is None:
+            continue
+        away_m = np.hypot(*(centres_m - home[:2]).T) - horizontal_reach(whatever_heading(coverage.sight))
+        column_s = takeoff_time(pace, vehicle.takeoff_height_m) + landing_time(pace, vehicle.takeoff_height_m)
+        seconds = column_s + 2.0 * np.maximum(away_m, 0.0) / vehicle.cruise_speed_m_s
+        least_s = np.minimum(least_s, seconds)
+        room_s = np.maximum(room_s, vehicle.longest_flight_s - seconds)
+    share = float(weight_m2[room_s >= 0.0].sum() / weight_m2.sum())
+    if share > 0.0 and share >= (required or 0.0):
+        return
+    raise InfeasibleError(
+        f"flights from [home] reach only {share:.0%} of the visible ground, but {required or 1.0:.0%} is required: a "
+        f"flight to the farthest cells takes at least {least_s.max():.0f} s, but "
+        f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, plan a smaller area, or require less "
+        "coverage (--select)"
     )

@@ -9,8 +9,8 @@ import shapely
 
 from mission_io.model.plain_text import counted
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.missions.flights import compile_sorties
 from uavcover.missions.objectives import mission_cost
-from uavcover.missions.sorties import compile_sorties
 from uavcover.model.limits import NoFly, window_of
 from uavcover.model.route import Route
 from uavcover.model.vehicle import autopilot_name

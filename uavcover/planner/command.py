@@ -13,9 +13,9 @@ import numpy as np
 
 from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.missions.flights import compile_flights, one_or_several
-from uavcover.missions.mission_compiler import CompiledMission, check_fence
+from uavcover.missions.mission_compiler import CompiledMission, Sortie, check_fence
 from uavcover.missions.objectives import judge_route
-from uavcover.missions.sorties import Sortie, check_reach
+from uavcover.missions.way_cost import check_reach
 from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import AutopilotName, autopilot_name

@@ -14,7 +14,7 @@ import shapely
 
 from uavcover.errors import InfeasibleError
 from uavcover.missions.fleet_schedule import Timeline, UnsafeStarts, schedule, timeline_of
-from uavcover.missions.sorties import compile_sorties
+from uavcover.missions.flights import compile_sorties
 from uavcover.model.area import Outline
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.planner.division import FlightWork, divide, flight_work

@@ -9,10 +9,10 @@ from importlib import metadata
 from typing import Any
 
 from uavcover.missions.fleet_cuts import share_out
-from uavcover.missions.flights import makespan_s, mission_texts
-from uavcover.missions.mission_compiler import CompiledMission
+from uavcover.missions.fleet_schedule import makespan_s
+from uavcover.missions.flights import mission_texts
+from uavcover.missions.mission_compiler import CompiledMission, Sortie
 from uavcover.missions.objectives import judge_member
-from uavcover.missions.sorties import Sortie
 from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m

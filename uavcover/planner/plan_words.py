@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from mission_io.model.plain_text import counted
-from uavcover.missions.flights import makespan_s
-from uavcover.missions.mission_compiler import CompiledMission
-from uavcover.missions.sorties import Sortie
+from uavcover.missions.fleet_schedule import makespan_s
+from uavcover.missions.mission_compiler import CompiledMission, Sortie
 from uavcover.model.limits import FlightLimits, window_in_words
 from uavcover.model.route import Plan, RouteMember, RouteMetrics
 from uavcover.model.scenario import Objective

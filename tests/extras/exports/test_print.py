@@ -13,7 +13,8 @@ from tests.missions.test_sorties import there_and_back
 from tests.planner.sites import flat, hills, make_site
 from tests.report.browser import chromium_or_skip
 from uavcover.extras.exports.print_page import MAP_HEIGHT, MAP_WIDTH, PrintNotes, clock, place_text, render_print
-from uavcover.missions.sorties import Sortie, compile_sorties
+from uavcover.missions.flights import compile_sorties
+from uavcover.missions.mission_compiler import Sortie
 from uavcover.model.limits import NoFly
 from uavcover.model.sensor import FrameCamera
 from uavcover.scenario.airspace.zones import local_zones

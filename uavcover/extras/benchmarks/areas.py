@@ -25,7 +25,7 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.extras.benchmarks.runs import KeptRuns, completed
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import landing_time, takeoff_time
-from uavcover.missions.sorties import compile_sorties
+from uavcover.missions.flights import compile_sorties
 from uavcover.missions.transit import transit
 from uavcover.model.route import Plan
 from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle

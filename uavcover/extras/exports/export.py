@@ -14,10 +14,9 @@ from mission_io.formats.point_route import CameraFlight, camera_flight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
 from uavcover.kernels.flight_time import landing_time, leg_times, takeoff_time
-from uavcover.missions.flights import compile_flights, export_content
-from uavcover.missions.mission_compiler import CompiledMission, compile_mission
+from uavcover.missions.flights import compile_flights, compile_sorties, export_content
+from uavcover.missions.mission_compiler import CompiledMission, Sortie, compile_mission
 from uavcover.missions.return_advice import ReturnAdvice
-from uavcover.missions.sorties import Sortie, compile_sorties
 from uavcover.missions.way_cost import longest_flight_in_words
 from uavcover.model.area import RasterTerrain
 from uavcover.model.route import Route

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from mission_io.model.plain_text import plain_lines
 from uavcover.extras.exports.export import ExportRequest, flights_for, refuse_unlike, time_with_stops_s, write_exported
 from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.sorties import Sortie
+from uavcover.missions.mission_compiler import Sortie
 from uavcover.model.vehicle import AutopilotName
 from uavcover.report.charts import PRINTED, Scale, nice_ticks
 from uavcover.report.page import hash_source, page_environment

@@ -11,8 +11,7 @@ from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.connect import require_home
 from uavcover.flight.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
 from uavcover.missions.fleet_schedule import Timeline, timeline_of
-from uavcover.missions.mission_compiler import compile_mission
-from uavcover.missions.sorties import Sortie
+from uavcover.missions.mission_compiler import Sortie, compile_mission
 from uavcover.model.route import Route
 from uavcover.run.documents import TRACK, is_alike, read_planned
 from uavcover.run.folder import RunFolder

@@ -11,8 +11,8 @@ from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.tours import nearest, shorten
 from uavcover.kernels.way_cost import FlightCosts, split
 from uavcover.missions.fleet_cuts import share_out
+from uavcover.missions.flights import compile_sorties, compile_unlike_sorties
 from uavcover.missions.objectives import flights_of_split, mission_cost, straight_flight_costs
-from uavcover.missions.sorties import compile_sorties, compile_unlike_sorties
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route
 from uavcover.planner.final_changes import least_seen
