@@ -174,16 +174,15 @@ def check_place(lat_deg: float, lon_deg: float, where: str) -> None:
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def xml_text(text: str, *, where: str = "name") -> str:
+def xml_text(text: str) -> str:
     """Text as the content of an XML element or of an attribute in double quotes.
 
     Raises:
         FormatError: a character that XML cannot hold in any form, such as a control character or half a character.
     """
-    bad = _NOT_IN_XML.search(text)
-    if bad is not None:
+    if bad := _NOT_IN_XML.search(text):
         raise FormatError(
-            f"the {where} contains {bad.group()!r}, which XML does not allow", where=where, advice="omit it"
+            f"the name contains {bad.group()!r}, which XML does not allow", where="name", advice="omit it"
         )
     return escape(text, {'"': "&quot;"})
 

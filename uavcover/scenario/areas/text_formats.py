@@ -220,7 +220,7 @@ def read_poly(text: str, source: str) -> AreaDocument:
 
 def read_fen(text: str, source: str) -> AreaDocument:
     """A ``.fen`` file: its fence is the area."""
-    return AreaDocument(source, _of_fence(read_fence_list(text).fence or Fence(), "fence"), rings_may_be_open=True)
+    return AreaDocument(source, _of_fence(read_fence_list(text).fence or Fence()), rings_may_be_open=True)
 
 
 def read_plan(text: str, source: str) -> AreaDocument:
@@ -232,7 +232,7 @@ def read_plan(text: str, source: str) -> AreaDocument:
         if kind in _SURVEYS:
             places = [place.floats(2) for place in Node(entry.document, entry.kind).get("polygon").nodes()]
             found.append(AreaFeature(((tuple((lon, lat) for lat, lon in places),),), layer="survey"))
-    features = tuple(found) or _of_fence(document.fence, "fence")
+    features = tuple(found) or _of_fence(document.fence)
     flown = len(document.mission.items)
     return AreaDocument(
         source, features, others=counted(flown, "mission item") if flown else "", rings_may_be_open=True
@@ -249,7 +249,7 @@ def _of_drawing(drawing: Drawing, source: str) -> AreaDocument:
     return AreaDocument(source, features, WGS84, others, rings_may_be_open=True, unclosed=drawing.unclosed, notes=notes)
 
 
-def _of_fence(fence: Fence, layer: str) -> tuple[AreaFeature, ...]:
+def _of_fence(fence: Fence) -> tuple[AreaFeature, ...]:
     """Each inclusion as a feature; the exclusions are holes of it where they touch it."""
     shapes = [(one.inclusion, shapely.Polygon(_corners(one.vertices))) for one in fence.polygons]
     shapes += [
@@ -263,7 +263,7 @@ def _of_fence(fence: Fence, layer: str) -> tuple[AreaFeature, ...]:
             continue
         touching = [other for other in outside if other.is_valid and shape.is_valid and other.intersects(shape)]
         left = shape.difference(shapely.union_all(touching)) if touching else shape
-        found.append(AreaFeature(polygons_of_shape(left), layer=layer))
+        found.append(AreaFeature(polygons_of_shape(left), layer="fence"))
     return tuple(one for one in found if one.polygons)
 
 
