@@ -157,6 +157,10 @@ MISTAKES = {
     "cells": ("cell_size_m = 5", "cell_size_m = 500", "area.cell_size_m: cells of 500.0 m are larger than"),
     "negative": ("min_height_agl_m = 40.0", "min_height_agl_m = -1", "limits.min_height_agl_m: must not be negative"),
     "no speed": ("cruise_speed_m_s = 10.0", "cruise_speed_m_s = 0", "vehicle.cruise_speed_m_s: must be greater than 0, not 0.0"),
+    "take-off above the ceiling": (
+        "= 120.0", "= 120.0\nmax_transit_height_agl_m = 25.0",
+        "vehicle.takeoff_height_m: must be at most limits.max_transit_height_agl_m = 25.0 m less height_margin_m = 0.0 m, not 30",
+    ),
     "half a home": ("lat_deg = 36.471\n", "", "home: specify lat_deg and lon_deg, or east_m and north_m"),
     "two areas": ("cell_size_m = 5", 'cell_size_m = 5\ngeojson = "a"', "area: specify exactly one of"),
     "out of range": ("[[-84.22, 36.47],", "[[36.47, -94.22],", "area.polygon_lon_lat_deg: (36.47, -94.22) is not a long"),

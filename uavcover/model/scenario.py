@@ -277,6 +277,12 @@ class Scenario:
                     speed_m_s == 0.0 or (airspeed is not None and airspeed > speed_m_s),
                     f"wind.{key}: {speed_m_s} m/s requires a larger {which}.max_airspeed_m_s than {airspeed or 'none'}",
                 )
+            ceiling_m, margin_m = self.transit_ceiling_agl_m, self.limits.height_margin_m
+            require(
+                self.home is None or vehicle.takeoff_height_m <= ceiling_m - margin_m,
+                f"{which}.takeoff_height_m: must be at most limits.max_transit_height_agl_m = {ceiling_m} m less "
+                f"height_margin_m = {margin_m} m, not {vehicle.takeoff_height_m} m",
+            )
         require(
             self.planner.objective not in {"mission-time", "energy"} or self.home is not None,
             f'planner.objective: "{self.planner.objective}" requires a [home], where the mission starts',
