@@ -16,7 +16,7 @@ import shapely
 from tests.planner.sites import flat, hills, make_site
 from tests.terrain_kinds import KINDS, SENSORS, TRUE_TO_SCALE, write_kind
 from uavcover.cli.console import Interrupts
-from uavcover.errors import StageOver
+from uavcover.errors import InfeasibleError, StageOver
 from uavcover.model.limits import NoFly
 from uavcover.planner.budget import CommandTime
 from uavcover.planner.plan_search import SearchRequest, plan, plan_and_site
@@ -177,3 +177,10 @@ def test_a_flat_site_with_a_zone_is_planned_within_no_time_at_all():
     zone = NoFly(polygon_east_north_m=((100, 50), (140, 50), (140, 90), (100, 90)), margin_m=2.0)
     result = plan(make_site(flat, no_fly=(zone,)), SearchRequest(budget_s=1e-3, workers=1, algorithm="memetic"))
     assert result.chosen.violation <= 0.0
+
+
+def test_a_refusal_within_a_budget_says_that_more_time_may_help():
+    ridge = {"max_height_agl_m": 50.0, "max_climb_angle_deg": 15.0, "height_margin_m": 1.0}
+    site = make_site(lambda east, _: np.maximum(0.0, 150.0 - 2.0 * np.abs(east - 150.0)), limits=ridge)
+    with pytest.raises(InfeasibleError, match=r"max_climb_angle_deg.*, or use a larger --budget$"):
+        plan(site, SearchRequest(budget_s=1e-3, workers=1, algorithm="memetic"))

@@ -284,6 +284,10 @@ def _plan_one(
             own=None if known else algorithm,
             no_longer_than=no_longer_than,
         )
+    except InfeasibleError as error:
+        if budget_s is None or should_stop():
+            raise
+        raise InfeasibleError(f"{error}, or use a larger --budget") from error
     finally:
         # Where the search was ended from outside, some of its work may still be done or wait.
         executor.shutdown(wait=False, cancel_futures=True)
