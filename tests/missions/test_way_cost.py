@@ -58,6 +58,12 @@ def test_a_flat_ground_has_next_to_no_detours() -> None:
     assert way_cost_of(make_site(planner={"objective": "flight-time"})).detours is NO_DETOURS
 
 
+def test_where_no_transit_is_low_enough_few_are_tried() -> None:
+    walled = make_site(ridge(-50.0, 200.0))
+    assert detours(walled).more.shape[:2] == (8, 8)
+    assert detours(make_site(ridge(-50.0, 60.0))).more.shape[:2] == (20, 20)
+
+
 ZONE = NoFly(polygon_east_north_m=((-60.0, -100.0), (-20.0, -100.0), (-20.0, 190.0), (-60.0, 190.0)), margin_m=5.0)
 
 

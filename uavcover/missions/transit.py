@@ -108,7 +108,7 @@ def _low_enough(
 
     Over a tower at the edge of a pit, the pit is far below.
     """
-    if not _is_too_high(site, straight_m):
+    if not is_too_high(site, straight_m):
         return straight_m
     way_m = end_m[:2] - home_en_m
     beside = np.array([-way_m[1], way_m[0]])
@@ -116,12 +116,12 @@ def _low_enough(
         for along in _ALONG:
             corner_m = home_en_m + along * way_m + aside * beside
             bent = _along(site, np.vstack([home_en_m, corner_m, end_m[:2]]), end_m, ground_end_height_m)
-            if not _is_too_high(site, bent) and _is_clear(site, bent, site.planned_zones):
+            if not is_too_high(site, bent) and _is_clear(site, bent, site.planned_zones):
                 return bent
     return straight_m
 
 
-def _is_too_high(site: Site, points_m: FloatArray) -> bool:
+def is_too_high(site: Site, points_m: FloatArray) -> bool:
     """Whether a (k, 3) transit is over unknown ground or above its ceiling, except in the climb-out column at its end."""
     level_m = np.hypot(*np.diff(points_m[:, :2], axis=0).T)
     legs = site.ground.leg_height_ranges_m(points_m)[level_m >= _COLUMN_M]

@@ -23,7 +23,7 @@ from uavcover.kernels.way_cost import (
     leg_cost,
     turn_cost,
 )
-from uavcover.missions.transit import transit
+from uavcover.missions.transit import is_too_high, transit
 from uavcover.model.vehicle import AutopilotName, Vehicle, Wind
 from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicles import pace_of
@@ -82,7 +82,11 @@ def way_cost_of(site: Site) -> WayCost:
 
 
 _FEW_TRANSITS, _MANY_TRANSITS = 8, 20
-"""Rows and columns of a lattice of transits. Each takes 0.2 ms, and some ms around zones: there few have to do."""
+"""Rows and columns of a lattice of transits. Each takes 0.2 ms, and some ms around zones or where none stays below its ceiling,
+which is known after trying all: there few have to do."""
+
+_MANY_TOO_HIGH = 0.2
+"""Transits above their ceiling for each place, of two, that say that more of them would take long: 6 ms each."""
 
 _SAME = 1.0
 """Where few transits cost less than this more than straight ones, in seconds, there are no more of them."""
@@ -91,23 +95,25 @@ _SAME = 1.0
 @once
 def detours(site: Site) -> Detours:
     """Costs of transits beside straight ones, to both ends of the height band over the area of a site with a home."""
-    few = _lattice_of_detours(site, _FEW_TRANSITS)
-    return few if site.zones or few.more.max() < _SAME else _lattice_of_detours(site, _MANY_TRANSITS)
+    few, is_slow = _lattice_of_detours(site, _FEW_TRANSITS)
+    return few if is_slow or few.more.max() < _SAME else _lattice_of_detours(site, _MANY_TRANSITS)[0]
 
 
-def _lattice_of_detours(site: Site, count: int) -> Detours:
+def _lattice_of_detours(site: Site, count: int) -> tuple[Detours, bool]:
+    """The costs, and whether it takes long to find them."""
     way, home = mission_cost_of(site), np.asarray(site.home_m)
     way = way._replace(unit=ENERGY if site.scenario.objective == "energy" else TIME)
     west, south, east, north = site.area.bounds
     places = np.meshgrid(np.linspace(west, east, count), np.linspace(south, north, count))
     places_m = np.column_stack([axis.ravel() for axis in places])
     heights_agl_m = _ends_of_band_m(site)
-    more = np.zeros((count * count, 4))
+    more, too_high = np.zeros((count * count, 4)), 0
     for level, agl_m in enumerate(heights_agl_m):
         ups_m = site.ground.ups_m(places_m, agl_m)
         for k in np.flatnonzero(np.isfinite(ups_m)):
             end_m = np.array([*places_m[k], ups_m[k]])
             flown_m = transit(site, home[:2], end_m, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)
+            too_high += is_too_high(site, flown_m)
             straight_m = np.array([way.column_top, end_m])
             for column, direction in ((2 * level, 1), (2 * level + 1, -1)):
                 flown, straight = (_transit_cost(way, home, line_m, direction) for line_m in (flown_m, straight_m))
@@ -116,7 +122,8 @@ def _lattice_of_detours(site: Site, count: int) -> Detours:
     lattice = more.reshape(count, count, 4)
     lattice.flags.writeable = False
     east_m, north_m = (max(side / (count - 1), 1e-6) for side in (east - west, north - south))
-    return Detours(lattice, float(west), float(south), east_m, north_m, *heights_agl_m)
+    is_slow = bool(site.zones) or too_high > _MANY_TOO_HIGH * count * count
+    return Detours(lattice, float(west), float(south), east_m, north_m, *heights_agl_m), is_slow
 
 
 def _ends_of_band_m(site: Site) -> tuple[float, float]:
