@@ -9,8 +9,9 @@ from tests.flight.scene import HOME, Scene, make_scene, mission, presses, way_ho
 from uavcover.errors import InfeasibleError, VehicleError
 from uavcover.flight.orders import Clearance
 from uavcover.mock.behaviour import quick
+from uavcover.mock.faults import parse_fault
 from uavcover.mock.flight_control import FlightControl
-from uavcover.model.track import Ending, EventKind
+from uavcover.model.track import Ending, EventKind, FlightFailedError
 
 
 def scene_with_mission(autopilot=ARDUPILOT) -> Scene:
@@ -43,6 +44,19 @@ def test_once_holds_and_flies_home_along_the_checked_legs(autopilot):
     after = [s.current_waypoint for s in scene.samples if s.time_s > 37.0]
     assert set(after) == {-1}
     assert 0 < outcome.waypoints_reached < 4
+
+
+def test_a_return_that_the_wind_blows_away_is_told_from_its_first_item_on():
+    scene = make_scene(faults=[parse_fault("strong-wind:25@item6")])
+    scene.upload(mission())
+    with pytest.raises(
+        FlightFailedError, match="the vehicle is in guided mode and does not stop within 20 s; now: in the air"
+    ):
+        scene.fly(stop=presses(scene, 77.0, 150.0))
+    told = [event.text for event in scene.events]
+    after = told[next(k for k, text in enumerate(told) if text.startswith("returning along checked legs")) :]
+    assert [text for text in after if "m off the planned leg to item 1, because the wind is too strong" in text]
+    assert max(sample.east_m for sample in scene.samples) > 300.0
 
 
 def test_twice_leaves_it_holding_and_says_so():

@@ -149,13 +149,17 @@ class FlightPlan:
         legs: dict[int, FloatArray] = {}
         before: FloatArray | None = None
         for index, item in enumerate(self.mission.items):
-            if item.command not in _PLACES or (item.lat_deg, item.lon_deg) == (0.0, 0.0):
+            if not self.has_place(item):
                 continue
             here = self.place_m(item)
             if before is not None:
                 legs[index] = np.vstack([before, here])
             before = here
         return legs
+
+    def has_place(self, item: MissionItem) -> bool:
+        """Whether an item leads to a position of its own."""
+        return item.command in _PLACES and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
 
     def place_m(self, item: MissionItem) -> FloatArray:
         """(3,) ENU, the position of an item as it was planned."""

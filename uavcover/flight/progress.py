@@ -112,6 +112,10 @@ class MissionProgress:
         self._passage = Passage(plan.waypoints_m(), radius_m=plan.acceptance_radius_m)
         self._passage.believe(plan.passed_before)
         self._legs_m = plan.legs_m()
+        if plan.is_way_home and (here := self.place_m) is not None:  # autopilots fly to its first item from here
+            first = next((k for k, item in enumerate(plan.mission.items) if plan.has_place(item)), None)
+            if first is not None:
+                self._legs_m[first] = np.vstack([here, plan.place_m(plan.mission.items[first])])
         self._seen_s = -math.inf
         self._trust_until_s = -math.inf
         self._rejoins: tuple[int, FloatArray] | None = None
