@@ -56,7 +56,8 @@ class HomeWatch:
         here = session.monitor.latest(m.GlobalPositionInt)
         if here is not None and session.monitor.on_ground is not False:
             self._checked.append(GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))  # arming sets home there
-        self._origin = session.monitor.latest(m.GpsGlobalOrigin)
+        self._origin = self._judged_origin = session.monitor.latest(m.GpsGlobalOrigin)
+        self._origin_moved_m = 0.0
         self._judged: m.HomePosition | None = None
         self._begun = self._settled = False
         self._amount: float | None = None
@@ -73,10 +74,11 @@ class HomeWatch:
             self._judged = home
             self._amount, self._text = self._judge(_point(home))
         origin = self._session.monitor.latest(m.GpsGlobalOrigin)
-        moved_m = 0.0
-        if origin is not None:
+        if origin is not None and origin != self._judged_origin:
+            self._judged_origin = origin
             self._origin = origin if self._origin is None else self._origin
-            moved_m = math.dist((0.0, 0.0, 0.0), _offset_m(_point(self._origin), _point(origin)))
+            self._origin_moved_m = math.dist((0.0, 0.0, 0.0), _offset_m(_point(self._origin), _point(origin)))
+        moved_m = self._origin_moved_m
         amount, text = self._amount, self._text
         if amount is None and moved_m > PREPARATION.home_slack_m:
             amount = moved_m
