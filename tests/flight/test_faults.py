@@ -37,7 +37,14 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
             "heartbeat-loss@30s",
             "HEARTBEAT_LOST",
             "the vehicle is on the ground and may be armed",
-            "on the ground",
+            "on the ground, armed, in mission mode at its last heartbeat ",
+        ),
+        (
+            ARDUPILOT,
+            "motor-failure@30s",
+            "CRASHED",
+            "is now on the ground at ",
+            "on the ground, according to its motion, armed, in mission mode",
         ),
         (
             ARDUPILOT,

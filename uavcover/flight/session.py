@@ -152,7 +152,12 @@ class Session:
             return "not in contact"
         unproved = "on the ground, according to the vehicle" if monitor.ground.says_landed else "somewhere"
         where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
+        if self.watch.is_open(Ending.CRASHED) and not monitor.on_ground:
+            # After a fall under power it may go on reporting that it flies.
+            where = "on the ground, according to its motion"
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
+        if not self.is_silent and (age_s := self.client.heartbeat_age_s) > self.timeouts.heartbeat_s:
+            parts[-1] += f" at its last heartbeat {age_s:.0f} s ago"
         here = monitor.latest(m.GlobalPositionInt)
         if here is not None:
             old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.timeouts.deadman_s + self.silence_s
