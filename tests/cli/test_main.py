@@ -49,6 +49,19 @@ def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], telling: st
     assert ended.out == ""
 
 
+@pytest.mark.parametrize(
+    ("out", "telling"),
+    [
+        ("", "error: -o: the name is empty; name the folder or file to write"),
+        ("a" * 300, "a: cannot be used (File name too long); check its name and permissions"),
+    ],
+)
+def test_a_folder_that_cannot_be_is_named(cli: Cli, out: str, telling: str) -> None:
+    ended = cli("plan", "paper-planar", "-o", out, "--evaluations", "50")
+    assert ended.code == 2
+    assert ended.error.endswith(telling)
+
+
 def test_errors_are_objects_under_json(cli: Cli) -> None:
     ended = cli("verify", "nowhere", "--json")
     assert ended.code == 2

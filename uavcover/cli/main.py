@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import itertools
 import os
 import re
 import signal
@@ -283,6 +284,9 @@ def run_app(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     for number in stop_signals():  # all end in as good an order as Ctrl-C
         signal.signal(number, signal.default_int_handler)
     as_json = "--json" in arguments
+    if any(name in {"-o", "--out"} and not value.strip() for name, value in itertools.pairwise(arguments)):
+        # As a path it would be the current folder.
+        return _fail("-o: the name is empty; name the folder or file to write", BAD_USAGE, as_json=as_json)
     try:
         return int(app([_with_sign(argument) for argument in arguments], standalone_mode=False) or 0)
     except _UsageError as error:
@@ -324,7 +328,10 @@ def _code(call: Callable[[], int], *, as_json: bool, traces: bool) -> int:
     if traces:
         _print_trace(shown)
     details = shown.details() if isinstance(shown, UavcoverError) else {}
-    return _fail(str(shown), code, as_json=as_json, details=details)
+    text = str(shown)
+    if isinstance(shown, OSError) and shown.filename is not None and shown.strerror:
+        text = f"{shown.filename}: cannot be used ({shown.strerror}); check its name and permissions"
+    return _fail(text, code, as_json=as_json, details=details)
 
 
 def _fail(text: str, code: int, *, as_json: bool, details: Mapping[str, Any] = MappingProxyType({})) -> int:
