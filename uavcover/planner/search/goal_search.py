@@ -12,7 +12,7 @@ import numpy as np
 from uavcover.kernels.annealing import Prices
 from uavcover.model.route import Route
 from uavcover.planner.search.closing import closed_beginning, closed_end, price_between
-from uavcover.planner.search.local_search import CHAINS, Chain, SearchStart, Work, best_starts
+from uavcover.planner.search.local_search import CHAINS, Chain, SearchStart, Work, best_starts, starts_of_chains
 from uavcover.planner.search.route_problem import RouteJudge, state_of, with_safety
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
@@ -219,7 +219,7 @@ def search_goal(
     price_of_goal = max(price_of_goal, 0.0 if coverage_price is None else coverage_price)
     waypoint_m = (tuned.waypoint_price if waypoint_price is None else waypoint_price) * work.problem.reach_m
     ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
-    ranked = best_starts(work.problem, starts, goal, ranked_by_m, tuned)
+    ranked = starts_of_chains(work.problem, best_starts(work.problem, starts, goal, ranked_by_m, tuned), goal, tuned)
     if work.stopped or work.pace.fraction >= end:
         return []
     before = work.pace.fraction

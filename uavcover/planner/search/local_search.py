@@ -5,6 +5,8 @@ margin by which the sensor is narrowed there, so that a route is not laid out fo
 """
 
 import bisect
+import itertools
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -14,6 +16,7 @@ import numpy as np
 
 from uavcover.kernels import annealing
 from uavcover.kernels.annealing import Prices, Schedule
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.route_state import RouteState
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
@@ -235,6 +238,57 @@ def best_starts(
     return sorted(starts, key=lambda start: _merit(problem, start, goal, waypoint_m, tuned))
 
 
+def starts_of_chains(
+    problem: RouteProblem, ranked: Sequence[SearchStart], goal: float, tuned: GoalTuning = TUNED.goal
+) -> list[SearchStart]:
+    """The best beginning for the first chain, and for the second one of other lines that is nearly as good, else the next best.
+
+    Most beginnings are the best one with a few waypoints more, and two chains from the same lines end with the same lines.
+
+    Args:
+        problem: what is looked at.
+        ranked: the beginnings, the best first.
+        goal: share of what can be covered.
+        tuned: has how much worse other lines may be.
+    """
+    best, *others = ranked
+    if problem.free_order or not others or goal > tuned.nearly_all:
+        return list(ranked[:CHAINS])
+    most = tuned.other_lines * _merit(problem, best, goal, 0.0, tuned)[1]
+    near = itertools.takewhile(lambda other: _merit(problem, other, goal, 0.0, tuned)[1] <= most, others)
+    different = (other for other in near if share_apart(best.route, other.route, 0.5 * problem.reach_m) > _OTHER_LINES)
+    return [best, next(different, others[0])]
+
+
+def share_apart(route: Route, other: Route, apart_m: float) -> float:
+    """Share of the legs of two routes with no leg of the other nearby that runs about as they do; of both the larger one, 0..1.
+
+    Args:
+        route: of two waypoints at least, otherwise nothing is nearby.
+        other: likewise.
+        apart_m: how far away on the map is nearby.
+    """
+    if min(len(route), len(other)) < 2:
+        return 1.0
+    both = route.waypoints_m[:, :2], other.waypoints_m[:, :2]
+    return max(_share_without(a, b, apart_m) for a, b in (both, both[::-1]))
+
+
+def _share_without(line_m: FloatArray, other_m: FloatArray, apart_m: float) -> float:
+    legs_m = np.diff(line_m, axis=0)
+    counts = np.maximum(1, np.hypot(*legs_m.T) / apart_m).astype(np.int64)
+    shares = np.concatenate([(np.arange(count) + 0.5) / count for count in counts.tolist()])
+    leg = np.repeat(np.arange(len(legs_m)), counts)
+    places_m = line_m[leg] + shares[:, None] * legs_m[leg]
+    other_legs_m = np.diff(other_m, axis=0)
+    from_m = places_m[:, None] - other_m[:-1]
+    along = np.clip((from_m * other_legs_m).sum(axis=2) / np.maximum((other_legs_m**2).sum(axis=1), 1e-9), 0.0, 1.0)
+    off_m = np.linalg.norm(from_m - along[:, :, None] * other_legs_m, axis=2)
+    turns = np.arctan2(*legs_m[leg].T)[:, None] - np.arctan2(*other_legs_m.T)
+    off_m[np.abs(np.cos(turns)) < math.sqrt(0.5)] = math.inf
+    return float(np.mean(off_m.min(axis=1) > apart_m))
+
+
 def _merit(
     problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float, tuned: GoalTuning
 ) -> tuple[bool, float]:
@@ -249,6 +303,9 @@ MARGIN_CELLS = 0.45
 
 SCATTERED_MARGIN_CELLS = 0.1
 """The same on scattered cells. A route passes them at all distances, so that it barely profits from their centres."""
+
+_OTHER_LINES = 0.08
+"""Routes have other lines where more of one than this share has no leg of the other nearby: a line that returns is a tenth."""
 
 _FAR_LESS = 0.04
 """A share of coverage: of scripts/bench/kinds.py, photos every 40 m over cliffs are counted 0.05 to 0.2 less than they are
