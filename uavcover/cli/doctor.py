@@ -12,30 +12,25 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from uavcover.cli import options
 from uavcover.cli.options import option
 from uavcover.errors import InfeasibleError
-from uavcover.kernels.arrays import FloatArray
-from uavcover.missions.flights import compile_flights
-from uavcover.model.route import Route
-from uavcover.model.track import Track
-from uavcover.planner.gap_route import plan_closing_route
-from uavcover.planner.plan_files import bounds
-from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.run.user import User
-from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.flown_route import PlannedRoute
-from uavcover.verification.verify import FlownTrack, verify_flight
+
+if TYPE_CHECKING:
+    from uavcover.model.route import Route
+    from uavcover.model.track import Track
+    from uavcover.scenario.site import Site
 
 _PACKAGES = {
     "numpy": "numpy", "scipy": "scipy", "numba": "numba", "pyproj": "pyproj", "rasterio": "rasterio", "shapely": "shapely",
     "pydantic": "pydantic", "pymavlink": "pymavlink", "mavsdk": "mavsdk", "rerun-sdk": "rerun", "matplotlib": "matplotlib",
 }  # fmt: skip
+_REINSTALL = "reinstall the package from its clone: pip install -e ."
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +71,18 @@ def _packages(try_imports: bool) -> Iterator[Diagnosis]:
                 importlib.import_module(module)
             yield Diagnosis(name, True, True, version)
         except (ImportError, OSError) as error:
-            yield Diagnosis(name, False, True, f"{error}; reinstall the package from its clone: pip install -e .")
+            yield Diagnosis(name, False, True, f"{error}; {_REINSTALL}")
 
 
 def _data() -> Iterator[Diagnosis]:
     from uavcover.errors import UavcoverError
-    from uavcover.scenario.scenario_file import bundled_scenarios
-    from uavcover.scenario.site import load_site
 
+    try:
+        from uavcover.scenario.scenario_file import bundled_scenarios
+        from uavcover.scenario.site import load_site
+    except (ImportError, OSError) as error:
+        yield Diagnosis("scenarios", False, True, f"{error}; {_REINSTALL}")
+        return
     for name in bundled_scenarios():
         try:
             site = load_site(name)
@@ -183,6 +182,16 @@ def compile_kernels(user: User) -> float:
     Args:
         user: receives a message at the start of each round.
     """
+    # Not at the top: doctor has to say what is missing when the numeric packages do not load.
+    from uavcover.missions.flights import compile_flights
+    from uavcover.planner.gap_route import plan_closing_route
+    from uavcover.planner.plan_files import bounds
+    from uavcover.planner.plan_search import SearchRequest, plan
+    from uavcover.scenario.site import load_site
+    from uavcover.sensing.site_maps import judging_map
+    from uavcover.verification.flown_route import PlannedRoute
+    from uavcover.verification.verify import FlownTrack, verify_flight
+
     started = time.monotonic()
     for number, (name, evaluations) in enumerate(ROUNDS, start=1):
         user.say(f"compiling the numeric kernels: {number} of {len(ROUNDS)}")
@@ -203,9 +212,11 @@ def compile_kernels(user: User) -> float:
     return time.monotonic() - started
 
 
-def _flown(site: Site, route: Route) -> Track:
+def _flown(site: "Site", route: "Route") -> "Track":
     """A track at cruise speed along a route."""
-    path: FloatArray = route.waypoints_m
+    from uavcover.model.track import Track
+
+    path = route.waypoints_m
     along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     speed_m_s = site.scenario.vehicle.cruise_speed_m_s
     time_s = np.arange(0.0, max(along_m[-1] / speed_m_s, 2.0 * _SAMPLE_S), _SAMPLE_S)
