@@ -351,7 +351,7 @@ def cut_down(candidates: Candidates, chosen: NDArray[np.int64], most: int) -> ND
 
 
 def thinned(candidates: Candidates, chosen: NDArray[np.int64], coverage: float) -> NDArray[np.int64]:
-    """The chosen candidates without those that see least alone, as long as the others reach a share of what can be covered."""
+    """The chosen candidates without those that see least alone, while the others reach a share."""
     table = (candidates.start, candidates.cells, candidates.weight)
     return kernels.drop_needless(*table, chosen, coverage, chosen.size)
 

@@ -241,9 +241,10 @@ def best_starts(
 def starts_of_chains(
     problem: RouteProblem, ranked: Sequence[SearchStart], goal: float, tuned: GoalTuning = TUNED.goal
 ) -> list[SearchStart]:
-    """The best beginning for the first chain, and for the second one of other lines that is nearly as good, else the next best.
+    """The best beginning, and for the second chain one of other lines if that is nearly as good.
 
-    Most beginnings are the best one with a few waypoints more, and two chains from the same lines end with the same lines.
+    Otherwise it is the next best. Most beginnings are the best one with a few waypoints more, and two chains from the same lines
+    end with the same lines.
 
     Args:
         problem: what is looked at.
@@ -261,11 +262,13 @@ def starts_of_chains(
 
 
 def share_apart(route: Route, other: Route, apart_m: float) -> float:
-    """Share of the legs of two routes with no leg of the other nearby that runs about as they do; of both the larger one, 0..1.
+    """Share of the legs of a route with no leg of the other nearby, 0..1; of both the larger one.
+
+    Only legs that run about as they do count.
 
     Args:
         route: of two waypoints at least, otherwise nothing is nearby.
-        other: likewise.
+        other: the same.
         apart_m: how far away on the map is nearby.
     """
     if min(len(route), len(other)) < 2:
