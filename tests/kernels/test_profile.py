@@ -10,7 +10,7 @@ from tests.compiled_kernels import cases
 from tests.naive import route as naive
 from uavcover.kernels import profile as kernels
 from uavcover.kernels.route import path_length
-from uavcover.kernels.surface import height, height_range_above
+from uavcover.kernels.surface import height, height_range_between
 from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=8))
@@ -70,7 +70,7 @@ def test_terrain_following_keeps_band_slope_tolerance_and_corners(seed, max_slop
     assert (np.abs(np.diff(route[:, 2])) <= max_slope * runs * (1 + 1e-9) + 1e-9).all()
     places, along, up = densely(route, polyline, spacing)
     ground = np.array([height(surface, *place) for place in places])
-    lowest = min(height_range_above(surface, p, q, -math.inf)[0] for p, q in itertools.pairwise(route))
+    lowest = min(height_range_between(surface, *p, *q, -math.inf)[0] for p, q in itertools.pairwise(route))
     assert lowest >= low - 1e-6, "below the band, if only between two samples"
     rise, fall = left_by_the_ground(surface, places)
     floor, ceiling = ground + low + rise, ground + high - fall
@@ -81,7 +81,7 @@ def test_terrain_following_keeps_band_slope_tolerance_and_corners(seed, max_slop
         "above the band for no reason"
     )
     if (reachable_floor <= reachable_ceiling - BETWEEN_STEPS_M).all():
-        highest = max(height_range_above(surface, p, q, -math.inf)[2] for p, q in itertools.pairwise(route))
+        highest = max(height_range_between(surface, *p, *q, -math.inf)[2] for p, q in itertools.pairwise(route))
         assert highest <= high + 1e-6, "above the band though both limits can hold"
     # The reference, by its definition, and the tolerance around it.
     corner_along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(polyline, axis=0), axis=1))])
@@ -180,10 +180,10 @@ def test_the_shortest_profile_keeps_band_slope_and_corners_and_climbs_less_than_
     assert {tuple(corner) for corner in polyline.tolist()} <= {tuple(p) for p in route[:, :2].tolist()}
     runs = np.linalg.norm(np.diff(route[:, :2], axis=0), axis=1)
     assert (np.abs(np.diff(route[:, 2])) <= max_slope * runs * (1 + 1e-9) + 1e-9).all()
-    ranges = np.array([height_range_above(surface, p, q, -math.inf) for p, q in itertools.pairwise(route)])
+    ranges = np.array([height_range_between(surface, *p, *q, -math.inf) for p, q in itertools.pairwise(route)])
     assert ranges[:, 0].min() >= low - 1e-6
-    kept = max(height_range_above(surface, p, q, -math.inf)[2] for p, q in itertools.pairwise(followed)) <= high + 1e-6
-    if kept:
+    highest = max(height_range_between(surface, *p, *q, -math.inf)[2] for p, q in itertools.pairwise(followed))
+    if highest <= high + 1e-6:
         assert ranges[:, 2].max() <= high + 1e-6
         assert route[0, 2] >= ups[0] - 1e-9
         assert route[-1, 2] == pytest.approx(ups[1])

@@ -81,12 +81,12 @@ def test_a_place_that_is_not_finite_has_no_ground(bad):
             there = np.array([1.0, 1.0, 5.0])
             there[axis] = bad
             assert not kernels.has_node_cell(surface, *there)
-            for ends in ((here, there), (there, here), (there, there)):
-                assert all(math.isnan(x) for x in kernels.height_range_above(surface, *ends, -math.inf))
+            for p, q in ((here, there), (there, here), (there, there)):
+                assert all(math.isnan(x) for x in kernels.height_range_between(surface, *p, *q, -math.inf))
     nan_up = np.array([2.0, 1.0, math.nan])
     for surface in (flat, sine_cosine_ground(1.0).surface):
-        assert all(math.isnan(x) for x in kernels.height_range_above(surface, here, nan_up, -math.inf))
-        assert all(math.isnan(x) for x in kernels.height_range_above(surface, nan_up, here, -math.inf))
+        assert all(math.isnan(x) for x in kernels.height_range_between(surface, *here, *nan_up, -math.inf))
+        assert all(math.isnan(x) for x in kernels.height_range_between(surface, *nan_up, *here, -math.inf))
 
 
 def test_nodes_keep_their_values_and_the_middle_of_a_cell_is_their_mean():
@@ -104,7 +104,7 @@ def test_nodes_keep_their_values_and_the_middle_of_a_cell_is_their_mean():
 @given(segments(with_gaps=True, outside=True))
 def test_height_range_equals_the_naive_twin(case):
     surface, p, q = case
-    low, low_at, high, high_at = kernels.height_range_above(surface, p, q, -math.inf)
+    low, low_at, high, high_at = kernels.height_range_between(surface, *p, *q, -math.inf)
     expected = twin(naive.height_range_above, surface, p.tolist(), q.tolist())
     assert (low, high) == pytest.approx(expected, abs=1e-9, nan_ok=True)
     if math.isnan(low):
@@ -122,7 +122,7 @@ def test_height_range_equals_the_naive_twin(case):
 @given(segments())
 def test_height_range_is_never_missed_by_dense_sampling(case):
     surface, p, q = case
-    low, _, high, _ = kernels.height_range_above(surface, p, q, -math.inf)
+    low, _, high, _ = kernels.height_range_between(surface, *p, *q, -math.inf)
     sampled = naive.sampled_heights(lambda e, n: kernels.height(surface, e, n), p.tolist(), q.tolist(), 500)
     sampled = [z for z in sampled if not math.isnan(z)]
     assert low <= min(sampled) + 1e-9
@@ -138,8 +138,8 @@ def test_height_range_is_never_missed_by_dense_sampling(case):
 @given(segments(), st.floats(-600.0, 600.0, width=32))
 def test_stopping_early_gives_the_same_verdict(case, limit):
     surface, p, q = case
-    low = kernels.height_range_above(surface, p, q, -math.inf)[0]
-    stopped = kernels.height_range_above(surface, p, q, limit)[0]
+    low = kernels.height_range_between(surface, *p, *q, -math.inf)[0]
+    stopped = kernels.height_range_between(surface, *p, *q, limit)[0]
     assert (stopped < limit) == (low < limit)
     assert stopped >= low
     if low >= limit:
@@ -150,7 +150,7 @@ def test_stopping_early_gives_the_same_verdict(case, limit):
 @given(segments(with_gaps=True))
 def test_height_range_is_the_same_backwards(case):
     surface, p, q = case
-    there, back = (kernels.height_range_above(surface, *ends, -math.inf) for ends in ((p, q), (q, p)))
+    there, back = (kernels.height_range_between(surface, *a, *b, -math.inf) for a, b in ((p, q), (q, p)))
     if not (math.isnan(there[0]) or math.isnan(back[0])):
         assert there[0] == pytest.approx(back[0], abs=1e-9)
         assert there[2] == pytest.approx(back[2], abs=1e-9)
@@ -160,18 +160,16 @@ def test_a_dip_inside_a_cell_is_found_exactly():
     # A saddle cell: along its diagonal z = u (1 - u) * -4 + ..., lowest ground in the middle, highest along the other one.
     surface = grid(np.array([[0.0, 4.0], [4.0, 0.0]]), 0.0, 0.0, 2.0)
     p, q = np.array([0.0, 0.0, 5.0]), np.array([2.0, 2.0, 5.0])
-    assert kernels.height_range_above(surface, p, q, -math.inf) == pytest.approx((3.0, 0.5, 5.0, 0.0))
+    assert kernels.height_range_between(surface, *p, *q, -math.inf) == pytest.approx((3.0, 0.5, 5.0, 0.0))
     p, q = np.array([2.0, 0.0, 5.0]), np.array([0.0, 2.0, 5.0])
-    assert kernels.height_range_above(surface, p, q, -math.inf) == pytest.approx((1.0, 0.0, 3.0, 0.5))
+    assert kernels.height_range_between(surface, *p, *q, -math.inf) == pytest.approx((1.0, 0.0, 3.0, 0.5))
 
 
 def test_a_narrow_ridge_between_samples_is_not_missed():
     nodes = np.zeros((2, 2001))
     nodes[:, 1234] = 90.0
     surface = grid(nodes, 0.0, 0.0, 1.0)
-    low, at, _, _ = kernels.height_range_above(
-        surface, np.array([0.0, 0.3, 50.0]), np.array([2000.0, 0.7, 50.0]), -math.inf
-    )
+    low, at, _, _ = kernels.height_range_between(surface, 0.0, 0.3, 50.0, 2000.0, 0.7, 50.0, -math.inf)
     assert low == pytest.approx(-40.0)
     assert at == pytest.approx(1234 / 2000)
 
@@ -185,7 +183,7 @@ def test_legs_are_segments(case, count):
     legs = kernels.leg_height_ranges(surface, route)
     assert legs.shape == (max(0, count - 1), 4)
     for i, leg in enumerate(legs):
-        np.testing.assert_array_equal(leg, kernels.height_range_above(surface, route[i], route[i + 1], -math.inf))
+        np.testing.assert_array_equal(leg, kernels.height_range_between(surface, *route[i], *route[i + 1], -math.inf))
 
 
 @deterministic
@@ -232,7 +230,7 @@ def test_the_stated_error_above_the_analytic_surface_holds_and_is_no_idle_one(sc
         p = rng.uniform([0, 0, -1], [10, 10, 1]) * scale
         direction = rng.uniform(0, 2 * math.pi)
         q = p + scale * np.array([math.cos(direction), math.sin(direction), rng.uniform(-1, 1)])
-        low, _, high, _ = kernels.height_range_above(surface, p, q, -math.inf)
+        low, _, high, _ = kernels.height_range_between(surface, *p, *q, -math.inf)
         t = np.linspace(0, 1, 50_001)[:, None]
         east, north, up = (p + t * (q - p)).T
         above = up - scale * np.sin(north / scale) * np.cos(east / scale)
@@ -246,12 +244,12 @@ def test_the_stated_error_above_the_analytic_surface_holds_and_is_no_idle_one(sc
 def test_stopping_early_above_the_analytic_surface():
     surface = sine_cosine_ground(1.0).surface
     p, q = np.array([0.0, 0.0, 0.5]), np.array([0.0, 7.0, 0.5])
-    low, at, _, _ = kernels.height_range_above(surface, p, q, -math.inf)
+    low, at, _, _ = kernels.height_range_between(surface, *p, *q, -math.inf)
     assert (low, at * 7.0) == pytest.approx((-0.5, math.pi / 2), abs=1e-4)
-    assert -0.5 < kernels.height_range_above(surface, p, q, -0.1)[0] < -0.1
-    assert kernels.height_range_above(surface, p, q, -0.6)[0] == low
+    assert -0.5 < kernels.height_range_between(surface, *p, *q, -0.1)[0] < -0.1
+    assert kernels.height_range_between(surface, *p, *q, -0.6)[0] == low
     # A point is a segment of no length.
-    assert kernels.height_range_above(surface, p, p, -math.inf)[0] == 0.5
+    assert kernels.height_range_between(surface, *p, *p, -math.inf)[0] == 0.5
 
 
 @deterministic

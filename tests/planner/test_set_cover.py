@@ -9,6 +9,7 @@ import pytest
 
 from tests.naive import set_cover as naive
 from tests.planner.sites import make_site, tower
+from uavcover.extras.bounds.programs import CoverProgram, SolverEffort
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.limits import Obstacles
 from uavcover.model.scenario import PlannerSettings
@@ -18,8 +19,6 @@ from uavcover.planner.baselines.initial_routes import constructed_routes, initia
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.planner.set_cover import (
     Candidates,
-    CoverProgram,
-    SolverEffort,
     cut_down,
     finest_lattice_candidates,
     greedy_cover,

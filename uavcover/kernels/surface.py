@@ -179,15 +179,19 @@ def gradients(surface: Surface, east: NDArray[np.float64], north: NDArray[np.flo
 
 
 @kernel
-def height_range_above(
-    surface: Surface, p: NDArray[np.float64], q: NDArray[np.float64], stop_below: float
+def height_range_between(
+    surface: Surface, pe: float, pn: float, pu: float, qe: float, qn: float, qu: float, stop_below: float
 ) -> tuple[float, float, float, float]:
     """Smallest and largest height of the segment p-q above the surface, and where.
 
     Args:
         surface: the ground.
-        p: (3,) start, metres.
-        q: (3,) end, metres.
+        pe: start, east, metres.
+        pn: north.
+        pu: up.
+        qe: end, east.
+        qn: north.
+        qu: up.
         stop_below: stop as soon as a height below this is found (-inf: go to the end); the answer is then not the
             smallest one, but it is below the limit.
 
@@ -195,14 +199,6 @@ def height_range_above(
         smallest height, the parameter 0..1 where, largest height, the parameter where. All NaN when the segment leaves
         the data, or an end of it is not finite.
     """
-    return height_range_between(surface, p[0], p[1], p[2], q[0], q[1], q[2], stop_below)
-
-
-@kernel
-def height_range_between(
-    surface: Surface, pe: float, pn: float, pu: float, qe: float, qn: float, qu: float, stop_below: float
-) -> tuple[float, float, float, float]:
-    """:func:`height_range_above` by coordinates: kernels call this one, so that it is compiled once for all arrays."""
     if surface.kind == SINE_COSINE:
         return _height_range_analytic(surface, pe, pn, pu, qe, qn, qu, stop_below)
     if not math.isfinite(pe + pn + pu + qe + qn + qu):

@@ -1,13 +1,12 @@
 """Set covers on lattice points inside the limits, and the routes through them.
 
 The cells that each point observes are reduced to those of an optimal choice: dominated places and cells that do not affect the
-answer are removed. Covers are exact (linear and mixed-integer programs by HiGHS through scipy), greedy, or by local search. A
-cover becomes a route when its places are put in the order of a short tour, laid over the terrain where the limits apply to legs.
+answer are removed. Covers are greedy or by local search. A cover becomes a route when its places are put in the order of a short
+tour, laid over the terrain where the limits apply to legs.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -212,117 +211,6 @@ def _some_sets(
     keep = np.zeros(sizes.size, dtype=bool)
     keep[numbers] = True
     return np.concatenate([[0], np.cumsum(sizes[numbers])]), cells[np.repeat(keep, sizes)]
-
-
-if TYPE_CHECKING:
-    from scipy.optimize._milp import _OptionsMILP
-
-
-_INTEGRAL = 1e-6
-"""Tolerance of HiGHS: a bound may be below the whole number that it means by this."""
-_COVERED = 1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class SolverEffort:
-    """Limits on the effort for an exact answer."""
-
-    time_s: float | None = None  # wall time; the outcome then depends on the machine
-    nodes: int | None = None  # of branch and bound, which depends on nothing; 0: the linear relaxation alone
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CoverSolution:
-    """Solution of a program, with its proved bound."""
-
-    chosen: NDArray[np.int64] | None  # (k,) numbers of the places found, None when none were found in the time
-    # no choice of these places needs fewer places, or sees more; None: nothing was proved in the time
-    bound: float | None
-
-
-class CoverProgram:
-    """Linear and mixed-integer programs on a reduced table."""
-
-    def __init__(self, reduced: Reduced) -> None:
-        from scipy import sparse
-
-        self._reduced = reduced
-        by_place = sparse.csr_array(
-            (np.ones(reduced.classes.size), reduced.classes, reduced.start),
-            shape=(reduced.numbers.size, reduced.weight.size),
-        )
-        self._matrix = sparse.csr_array(by_place.T)
-
-    @property
-    def reachable(self) -> float:
-        """Share of what can be covered that the places see together, 0..1."""
-        return self._reduced.reachable
-
-    def fewest_places(self, coverage: float, effort: SolverEffort) -> CoverSolution:
-        """The fewest points that observe a share of the coverable area; with all of ``reachable`` this is set cover.
-
-        Args:
-            coverage: 0..reachable.
-            effort: how long.
-        """
-        from scipy import sparse
-
-        if coverage <= 0.0:
-            return CoverSolution(np.empty(0, dtype=np.int64), 0.0)
-        rows, c = self._matrix.shape
-        if coverage >= self.reachable - _COVERED:
-            return self._counted(self._solve(np.ones(c), self._matrix, np.ones(rows), c, effort))
-        # A class of cells counts as seen as far as its variable says, which is at most the number of places that see it.
-        matrix = sparse.vstack(
-            [
-                sparse.hstack([self._matrix, -sparse.eye_array(rows)]),
-                sparse.csr_array(np.append(np.zeros(c), self._reduced.weight)[None]),
-            ]
-        )
-        lower = np.append(np.zeros(rows), coverage - _COVERED)
-        return self._counted(self._solve(np.append(np.ones(c), np.zeros(rows)), matrix, lower, c, effort))
-
-    def most_coverage(self, count: int, effort: SolverEffort) -> CoverSolution:
-        """At most ``count`` places with the largest share of the coverable area; the bound is that share."""
-        from scipy import sparse
-
-        rows, c = self._matrix.shape
-        matrix = sparse.vstack(
-            [
-                sparse.hstack([self._matrix, -sparse.eye_array(rows)]),
-                sparse.csr_array(np.append(-np.ones(c), np.zeros(rows))[None]),
-            ]
-        )
-        lower = np.append(np.zeros(rows), -float(count))
-        chosen, least = self._solve(np.append(np.zeros(c), -self._reduced.weight), matrix, lower, c, effort)
-        return CoverSolution(chosen, None if least is None else min(-least, self.reachable))
-
-    def _counted(self, outcome: tuple[NDArray[np.int64] | None, float | None]) -> CoverSolution:
-        """Round a bound on a number of places, which is an integer."""
-        chosen, bound = outcome
-        return CoverSolution(chosen, None if bound is None else float(np.ceil(bound - _INTEGRAL)))
-
-    def _solve(
-        self, cost: FloatArray, matrix: object, lower: FloatArray, binaries: int, effort: SolverEffort
-    ) -> tuple[NDArray[np.int64] | None, float | None]:
-        """Points and proved bound of: least cost with matrix x >= lower, 0 <= x <= 1, the first ``binaries`` whole."""
-        from scipy.optimize import Bounds, LinearConstraint, milp
-
-        constraints = LinearConstraint(matrix, lb=lower)  # type: ignore[arg-type]
-        relaxed = effort.nodes == 0
-        options: _OptionsMILP = {}
-        if effort.time_s is not None:
-            options["time_limit"] = max(0.0, effort.time_s)
-        if effort.nodes:
-            options["node_limit"] = effort.nodes
-        whole = np.zeros(cost.size, dtype=np.int64)
-        whole[:binaries] = 0 if relaxed else 1
-        result = milp(cost, constraints=constraints, integrality=whole, bounds=Bounds(0.0, 1.0), options=options)
-        if relaxed:
-            return None, float(result.fun) if result.success else None
-        bound = result.mip_dual_bound
-        chosen = None if result.x is None else self._reduced.numbers[np.flatnonzero(result.x[:binaries] > 0.5)]
-        return chosen, float(bound) if bound is not None and np.isfinite(bound) else None
 
 
 _ROUNDING = 1e-9

@@ -8,11 +8,11 @@ import pytest
 from tests.planner.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.extras.bounds.bounds import are_quick, farthest_looks_m, least_path_length_m, path_bounds, waypoint_bounds
+from uavcover.extras.bounds.programs import SolverEffort
 from uavcover.model.route import Bound
 from uavcover.model.sensor import SphereSensor
 from uavcover.planner.plan_files import bounds as bounds_of
 from uavcover.planner.planner import Effort, plan_routes
-from uavcover.planner.set_cover import SolverEffort
 from uavcover.run.documents import bound_document, bounds_in_words
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
 from uavcover.sensing.site_maps import judging_map

@@ -19,7 +19,7 @@ from uavcover.extras.bounds.bounds import (
     least_path_length_m,
     price_ground,
 )
-from uavcover.extras.bounds.price_program import PriceProgram
+from uavcover.extras.bounds.programs import PriceProgram
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
 

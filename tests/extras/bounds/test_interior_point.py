@@ -5,7 +5,7 @@ import pytest
 import scipy.optimize
 import scipy.sparse
 
-from uavcover.extras.bounds.price_program import most_worth
+from uavcover.extras.bounds.programs import most_worth
 
 
 @pytest.mark.parametrize(("near", "common"), [(2, 1), (5, 2), (40, 2)])

@@ -7,9 +7,9 @@ Begin with ``proved``, the prover of the group ``uavcover.bounds``; ``bounds.py`
 from typing import Any
 
 from uavcover.extras.bounds.bounds import are_quick, least_path_length_m, path_bounds, waypoint_bounds
+from uavcover.extras.bounds.programs import SolverEffort
 from uavcover.model.route import Plan
 from uavcover.planner.selection_rule import parse_rule
-from uavcover.planner.set_cover import SolverEffort
 from uavcover.run.documents import bound_document
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import fleet_map, judging_map

@@ -17,14 +17,20 @@ import scipy
 
 from uavcover.extras.bounds.bound_heights import relief_over
 from uavcover.extras.bounds.ground_prices import WINDOW_FIELDS, NodePrices, rates_in_squares
-from uavcover.extras.bounds.price_program import PriceProgram, headings_over_half_a_turn, middles_of_bins
-from uavcover.extras.bounds.relief import Relief, looks_from_tiles
+from uavcover.extras.bounds.programs import (
+    CoverProgram,
+    PriceProgram,
+    SolverEffort,
+    headings_over_half_a_turn,
+    middles_of_bins,
+)
+from uavcover.extras.bounds.relief import Relief, farthest_looks, looks_from_tiles
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, horizontal_reach
+from uavcover.kernels.sight import CONE, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
 from uavcover.planner.selection_rule import parse_rule
-from uavcover.planner.set_cover import CoverProgram, SolverEffort, finest_lattice_candidates, reduce
+from uavcover.planner.set_cover import finest_lattice_candidates, reduce
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 

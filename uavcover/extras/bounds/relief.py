@@ -1,4 +1,4 @@
-"""Ground and the highest places above it on a square lattice, and what single places see of priced ground.
+"""Ground and the highest places above it on a square lattice: what single places see of it, and from how far it is seen.
 
 Heights are linear in the triangles of the lattice's squares, which are cut from south-west to north-east. From a place, ground at
 a distance r in a direction u is seen where r <= min(reach, tangent * (top there - ground there)). Along each direction that is
@@ -205,3 +205,81 @@ def rates_by_node(
                         data[slot[node], m] += part * gains[m]
         starts[p + 1] = filled
     return starts, columns[:filled], data[:filled]
+
+
+@allocating_kernel
+def farthest_looks(
+    centres: NDArray[np.float64],
+    tops: NDArray[np.float64],
+    east0: float,
+    north0: float,
+    side: float,
+    tan_half_fov: float,
+    reach: float,
+) -> NDArray[np.float64]:
+    """(n,) no allowed place further away than this, on the map, sees a cell through a cone; 0 where none does.
+
+    The map is cut into squares. From a place at distance d a camera that looks straight down sees a cell when
+    d <= tan_half_fov times its height above the cell, which is at most that of the square's top. Nothing else is asked
+    (range, incidence, line of sight), so the true distance may be smaller, never larger.
+
+    Args:
+        centres: (n, 3) of the cells.
+        tops: (rows, columns) highest allowed up coordinate anywhere over each square; NaN: no place is allowed there.
+        east0: of the south-west corner of the first square.
+        north0: of the same corner.
+        side: of the squares.
+        tan_half_fov: of the cone.
+        reach: no place further away on the map sees anything.
+    """
+    rows, columns = tops.shape
+    out = np.zeros(centres.shape[0])
+    offsets, farthest = _squares_around(int(reach / side) + 2, side)
+    highest = np.nanmax(tops) if np.isfinite(tops).any() else -math.inf
+    for k in range(centres.shape[0]):
+        e, n, u = centres[k, 0] - east0, centres[k, 1] - north0, centres[k, 2]
+        row, column = math.floor(n / side), math.floor(e / side)
+        # What is further away than the highest place could see is passed over; from there inwards, until the rest is nearer.
+        most = min(reach, tan_half_fov * (highest - u)) + 3.0 * side
+        for at in range(np.searchsorted(-farthest, -most), len(farthest)):
+            if farthest[at] <= out[k]:
+                break
+            for quadrant in range(4):
+                i = row + (offsets[at, 0] if quadrant % 2 else -offsets[at, 0])
+                j = column + (offsets[at, 1] if quadrant // 2 else -offsets[at, 1])
+                if i < 0 or j < 0 or i >= rows or j >= columns or math.isnan(tops[i, j]):
+                    continue
+                radius = min(reach, tan_half_fov * (tops[i, j] - u))
+                if radius <= out[k]:
+                    continue
+                de_near, dn_near = (
+                    max(0.0, j * side - e, e - (j + 1) * side),
+                    max(0.0, i * side - n, n - (i + 1) * side),
+                )
+                if math.hypot(de_near, dn_near) > radius:
+                    continue
+                de_far, dn_far = (
+                    max(abs(e - j * side), abs(e - (j + 1) * side)),
+                    max(abs(n - i * side), abs(n - (i + 1) * side)),
+                )
+                out[k] = max(out[k], min(radius, math.hypot(de_far, dn_far)))
+    return out
+
+
+@allocating_kernel
+def _squares_around(count: int, side: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Squares of a lattice up to a number of rows and columns away from one, those first that may reach furthest away.
+
+    Returns:
+        (m, 2) rows and columns away, of one quadrant, and (m,) no place of the square is further away from any place of the one.
+    """
+    size = count + 1
+    far = np.empty(size * size)
+    for i in range(size):
+        for j in range(size):
+            far[i * size + j] = side * math.hypot(i + 1.0, j + 1.0)
+    order = np.argsort(-far)
+    offsets = np.empty((size * size, 2), dtype=np.int64)
+    for at in range(size * size):
+        offsets[at, 0], offsets[at, 1] = order[at] // size, order[at] % size
+    return offsets, far[order]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.naive import reach as naive
-from uavcover.kernels.sight import farthest_looks
+from uavcover.extras.bounds.relief import farthest_looks
 
 
 @pytest.mark.parametrize("seed", range(8))

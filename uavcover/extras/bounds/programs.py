@@ -1,14 +1,21 @@
-"""Linear program for prices of ground: most for the required ground, with no sampled move that gains too much."""
+"""Programs that bounds are proved with: prices of ground by linear programs, and exact set covers.
+
+Prices are the most for the required ground with which no sampled move gains too much. Set covers are linear and mixed-integer
+programs on a reduced table, which HiGHS solves through scipy.
+"""
 
 import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from uavcover.extras.bounds.bound_heights import margin_cells
 from uavcover.extras.bounds.relief import Relief, rates_by_node
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.planner.set_cover import Reduced
 from uavcover.sensing.coverage_map import CoverageMap
 
 _BLOCKS_A_REACH = 3.2
@@ -321,3 +328,99 @@ def most_worth(worth: FloatArray, matrix: Rows, limits: FloatArray, *, common: i
         primal, dual = at.room(step)
         at = at.moved(step, 0.995 * primal, 0.995 * dual)
     return at.x
+
+
+_INTEGRAL = 1e-6
+"""Tolerance of HiGHS: a bound may be below the whole number that it means by this."""
+_COVERED = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class SolverEffort:
+    """Limits on the effort for an exact answer."""
+
+    time_s: float | None = None  # wall time; the outcome then depends on the machine
+    nodes: int | None = None  # of branch and bound, which depends on nothing; 0: the linear relaxation alone
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoverSolution:
+    """Solution of a program, with its proved bound."""
+
+    chosen: NDArray[np.int64] | None  # (k,) numbers of the places found, None when none were found in the time
+    # no choice of these places needs fewer places, or sees more; None: nothing was proved in the time
+    bound: float | None
+
+
+class CoverProgram:
+    """Linear and mixed-integer programs on a reduced table."""
+
+    def __init__(self, reduced: Reduced) -> None:
+        self._reduced = reduced
+        by_place = scipy.sparse.csr_array(
+            (np.ones(reduced.classes.size), reduced.classes, reduced.start),
+            shape=(reduced.numbers.size, reduced.weight.size),
+        )
+        self._matrix = scipy.sparse.csr_array(by_place.T)
+
+    @property
+    def reachable(self) -> float:
+        """Share of what can be covered that the places see together, 0..1."""
+        return self._reduced.reachable
+
+    def fewest_places(self, coverage: float, effort: SolverEffort) -> CoverSolution:
+        """The fewest points that observe a share of the coverable area; with all of ``reachable`` this is set cover.
+
+        Args:
+            coverage: 0..reachable.
+            effort: how long.
+        """
+        if coverage <= 0.0:
+            return CoverSolution(np.empty(0, dtype=np.int64), 0.0)
+        rows, c = self._matrix.shape
+        if coverage >= self.reachable - _COVERED:
+            return self._counted(self._solve(np.ones(c), self._matrix, np.ones(rows), c, effort))
+        matrix = self._with_seen(np.append(np.zeros(c), self._reduced.weight))
+        lower = np.append(np.zeros(rows), coverage - _COVERED)
+        return self._counted(self._solve(np.append(np.ones(c), np.zeros(rows)), matrix, lower, c, effort))
+
+    def most_coverage(self, count: int, effort: SolverEffort) -> CoverSolution:
+        """At most ``count`` places with the largest share of the coverable area; the bound is that share."""
+        rows, c = self._matrix.shape
+        matrix = self._with_seen(np.append(-np.ones(c), np.zeros(rows)))
+        lower = np.append(np.zeros(rows), -float(count))
+        chosen, least = self._solve(np.append(np.zeros(c), -self._reduced.weight), matrix, lower, c, effort)
+        return CoverSolution(chosen, None if least is None else min(-least, self.reachable))
+
+    def _with_seen(self, last: FloatArray) -> Rows:
+        """The table with a variable for each class, and a last row.
+
+        A class of cells counts as seen as far as its variable says, which is at most the number of places that see it.
+        """
+        seen = scipy.sparse.hstack([self._matrix, -scipy.sparse.eye_array(self._matrix.shape[0])])
+        return scipy.sparse.vstack([seen, scipy.sparse.csr_array(last[None])])
+
+    def _counted(self, outcome: tuple[NDArray[np.int64] | None, float | None]) -> CoverSolution:
+        """Round a bound on a number of places, which is an integer."""
+        chosen, bound = outcome
+        return CoverSolution(chosen, None if bound is None else float(np.ceil(bound - _INTEGRAL)))
+
+    def _solve(
+        self, cost: FloatArray, matrix: Rows, lower: FloatArray, binaries: int, effort: SolverEffort
+    ) -> tuple[NDArray[np.int64] | None, float | None]:
+        """Points and proved bound of: least cost with matrix x >= lower, 0 <= x <= 1, the first ``binaries`` whole."""
+        constraints = scipy.optimize.LinearConstraint(matrix, lb=lower)
+        relaxed = effort.nodes == 0
+        options: Any = {} if effort.time_s is None else {"time_limit": max(0.0, effort.time_s)}
+        if effort.nodes:
+            options["node_limit"] = effort.nodes
+        whole = np.zeros(cost.size, dtype=np.int64)
+        whole[:binaries] = 0 if relaxed else 1
+        result = scipy.optimize.milp(
+            cost, constraints=constraints, integrality=whole, bounds=scipy.optimize.Bounds(0.0, 1.0), options=options
+        )
+        if relaxed:
+            return None, float(result.fun) if result.success else None
+        bound = result.mip_dual_bound
+        chosen = None if result.x is None else self._reduced.numbers[np.flatnonzero(result.x[:binaries] > 0.5)]
+        return chosen, float(bound) if bound is not None and np.isfinite(bound) else None
