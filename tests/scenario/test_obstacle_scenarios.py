@@ -121,7 +121,8 @@ def test_polygons_of_geojson_with_a_courtyard(tmp_path):
         ),
         (
             "a.geojson",
-            '{"type": "Feature", "properties": {"height_m": "9"}, "geometry": {"type": "Polygon", "coordinates": []}}',
+            '{"type": "Feature", "properties": {"height_m": "9"}, "geometry": {"type": "Polygon", "coordinates": '
+            "[[[0, 0], [1, 0], [1, 1]]]}}",
             "polygon 0: height_m: expected a number",
         ),
         ("a.txt", "", "use a .geojson, .kml, .kmz or .csv"),

@@ -5,9 +5,8 @@ Lines are checked against the prisms along their full length.
 
 import dataclasses
 import itertools
-import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,10 +23,11 @@ from uavcover.kernels import obstacle_breach as kernels
 from uavcover.kernels.arrays import FloatArray, read_only
 from uavcover.kernels.obstacles import make_obstacles
 from uavcover.kernels.surface import GRID
-from uavcover.model.area import Ring
+from uavcover.model.area import Ring, Rings
 from uavcover.model.limits import Obstacle, Obstacles
 from uavcover.model.scenario import Scenario
-from uavcover.scenario.areas.features import kml_of
+from uavcover.scenario.areas.features import WGS84, kml_of
+from uavcover.scenario.areas.text_formats import read_geojson
 from uavcover.terrain.frames import nodes_inside_m
 from uavcover.terrain.ground import Ground
 
@@ -150,47 +150,25 @@ def _breaches(ground: Ground, begins: FloatArray, ends: FloatArray, limits: Obst
     return kernels.breaches(ground.surface.obstacles, begins, ends, limits.clearance_beside_m, limits.clearance_above_m)
 
 
-def read_geojson(path: Path, *, key: str) -> Any:
-    """Read a GeoJSON file in longitude and latitude.
+def geojson_polygons(path: Path, *, key: str) -> list[tuple[Rings, Mapping[str, Any]]]:
+    """The rings of every polygon of a GeoJSON file in longitude and latitude, with the properties of its feature.
+
+    Other shapes are ignored.
 
     Raises:
         ScenarioError: it cannot be read, or is in another coordinate system.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
+        document = read_geojson(path.read_text(encoding="utf-8-sig"), str(path))
+    except (OSError, ValueError, FormatError) as error:
         raise ScenarioError(f"{key}: {path}: cannot read the file as GeoJSON ({error})") from error
     # RFC 7946 allows longitude and latitude on WGS 84 only; older files may name another system.
-    crs = document.get("crs") if isinstance(document, dict) else None
-    if crs and not any(name in json.dumps(crs) for name in ("CRS84", "EPSG::4326", "EPSG:4326")):
-        text = repr(crs)
-        shown = text if len(text) <= 60 else f"{text[:57]}..."
+    if document.crs is not None and document.crs != WGS84:
         raise ScenarioError(
-            f"{key}: {path}: the file has a different coordinate system ({shown}); convert it to longitude and "
-            "latitude on WGS 84 (ogr2ogr -t_srs EPSG:4326)"
+            f"{key}: {path}: the file has a different coordinate system ({document.crs.name}); convert it to longitude "
+            "and latitude on WGS 84 (ogr2ogr -t_srs EPSG:4326)"
         )
-    return document
-
-
-def polygons_of(document: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
-    """The rings of every polygon of a document, with the properties of its feature; other shapes are ignored."""
-    yield from _polygons(document, {})
-
-
-def _polygons(document: Any, properties: dict[str, Any]) -> Iterator[tuple[Any, dict[str, Any]]]:
-    if not isinstance(document, dict):
-        return
-    match document.get("type"):
-        case "FeatureCollection":
-            for feature in document.get("features") or []:
-                yield from _polygons(feature, {})
-        case "Feature":
-            yield from _polygons(document.get("geometry"), document.get("properties") or {})
-        case "MultiPolygon":
-            for rings in document.get("coordinates") or []:
-                yield rings, properties
-        case "Polygon":
-            yield document.get("coordinates"), properties
+    return [(rings, feature.properties) for feature in document.features for rings in feature.polygons]
 
 
 _KEY = "obstacles.file"
@@ -219,21 +197,16 @@ def read_obstacles(path: Path) -> tuple[Obstacle, ...]:
 
 def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
     found = []
-    for number, (rings, properties) in enumerate(polygons_of(read_geojson(path, key=_KEY))):
+    for number, (rings, properties) in enumerate(geojson_polygons(path, key=_KEY)):
+        if "height_m" not in properties:
+            raise ScenarioError(f"{_KEY}: {path}: polygon {number} has no height_m; add it, in metres")
+        height = properties["height_m"]
         try:
-            height = properties["height_m"]
             if isinstance(height, bool) or not isinstance(height, int | float):
                 raise ValueError(f"height_m: expected a number, not {height!r}")
-            found.append(
-                Obstacle(
-                    height_m=float(height),
-                    rings_lon_lat_deg=tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in rings),
-                    name=str(properties.get("name", number)),
-                )
-            )
-        except KeyError as error:
-            raise ScenarioError(f"{_KEY}: {path}: polygon {number} has no height_m; add it, in metres") from error
-        except (TypeError, ValueError, IndexError) as error:
+            name = str(properties.get("name", number))
+            found.append(Obstacle(height_m=float(height), rings_lon_lat_deg=rings, name=name))
+        except ValueError as error:
             raise ScenarioError(f"{_KEY}: {path}: polygon {number}: {error}") from error
     return tuple(found)
 

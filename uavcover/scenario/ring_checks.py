@@ -12,7 +12,7 @@ from uavcover.model.area import Outline, Ring, Rings
 from uavcover.model.limits import FlightLimits, NoFly, Obstacle
 from uavcover.model.scenario import Scenario
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
-from uavcover.scenario.obstacles import polygons_of, read_geojson
+from uavcover.scenario.obstacles import geojson_polygons
 
 LAUNCH_POINTS = "launch_point"
 
@@ -253,17 +253,13 @@ def with_rings(outline: _Given, folder: Path, *, key: str) -> _Given:
     if outline.geojson is None:
         return outline
     path = folder / outline.geojson
-    document = read_geojson(path, key=f"{key}.geojson")
+    parts = tuple(rings for rings, _ in geojson_polygons(path, key=f"{key}.geojson"))
+    if not parts:
+        raise ScenarioError(f"{key}.geojson: {path}: the file contains no polygons; at least one is required")
     try:
-        parts = tuple(
-            tuple(tuple((float(p[0]), float(p[1])) for p in ring) for ring in rings)
-            for rings, _ in polygons_of(document)
-        )
-        if not parts:
-            raise ScenarioError(f"{key}.geojson: {path}: the file contains no polygons; at least one is required")
         return _of_parts(parts, outline)
-    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
-        raise ScenarioError(f"{key}.geojson: {path}: cannot read the file as GeoJSON polygons ({error})") from error
+    except ValueError as error:
+        raise ScenarioError(f"{key}.geojson: {path}: {error}") from error
 
 
 def outline_mistakes(outline: Outline, folder: Path, *, key: str) -> list[str]:
