@@ -37,10 +37,9 @@ from uavcover.run.documents import (
     flights_of,
     next_folder,
     read_plan_document,
-    track_sha256,
 )
 from uavcover.run.folder import RunFolder
-from uavcover.run.provenance import note_in_run, read_record
+from uavcover.run.provenance import note_in_run, read_record, sha256_of
 from uavcover.run.track_file import read_track
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import judging_map
@@ -190,7 +189,7 @@ def save_rest(unfinished: Unfinished, site: Site, *, command: Sequence[str]) -> 
         unfinished.folder, site, unfinished.route, "resumed", command=command,
         scenario_sha256=scenario_of_fleet(unfinished.flown),
     )  # fmt: skip
-    note_in_run(unfinished.folder, LINK, {"track_sha256": track_sha256(unfinished.flown.file(TRACK))})
+    note_in_run(unfinished.folder, LINK, {"track_sha256": sha256_of(unfinished.flown.file(TRACK))})
 
 
 def save_part(

@@ -4,9 +4,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
-from mission_io.data_tables import STRICT, require, require_between, require_not_negative, require_positive
+from mission_io.data_tables import (
+    STRICT,
+    read_document,
+    require,
+    require_between,
+    require_not_negative,
+    require_positive,
+)
 from uavcover.errors import InputError
 from uavcover.model.area import Outline
 from uavcover.model.limits import Home
@@ -208,37 +215,9 @@ class AutopilotMotion:
 
 
 MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
-    {
-        "ardupilot": AutopilotMotion(
-            acceleration_m_s2=2.5,  # WPNAV_ACCEL
-            vertical_acceleration_m_s2=1.0,  # WPNAV_ACCEL_Z
-            jerk_m_s3=1.0,  # WPNAV_JERK
-            corner="blended",
-            corner_radius_m=2.0,  # WPNAV_RADIUS
-            smoothing_s=0.3,  # 2 ATC_INPUT_TC: jerk over snap, as AC_WPNav::calc_scurve_jerk_and_snap has them
-            land_m_s=0.5,  # LAND_SPEED
-            land_slow_m=10.5,  # LAND_ALT_LOW and half of the band
-            land_band_m=1.0,  # its square root controller, 1 m/s a metre (PSC_POSZ_P)
-        ),
-        "px4": AutopilotMotion(
-            acceleration_m_s2=3.0,  # MPC_ACC_HOR
-            vertical_acceleration_m_s2=3.0,  # MPC_ACC_DOWN_MAX, the smaller one
-            jerk_m_s3=4.0,  # MPC_JERK_AUTO
-            corner="braked",
-            corner_radius_m=2.0,  # NAV_ACC_RAD of multirotors (rc.mc_defaults)
-            settling_s=3.2,  # scripts/bench/flight_time.py
-            settling_tc_s=3.0,  # scripts/bench/flight_time.py
-            vertical_change_m_s=1.5,  # scripts/bench/flight_time.py
-            takeoff_m_s=1.5,  # MPC_TKO_SPEED
-            takeoff_slow_m=10.0,  # MPC_LAND_ALT1
-            land_m_s=0.7,  # MPC_LAND_SPEED
-            land_slow_m=5.0,  # MPC_LAND_ALT2
-            land_band_m=5.0,  # MPC_LAND_ALT1 - MPC_LAND_ALT2
-            yaw_acceleration_deg_s2=20.0,  # MPC_YAWRAUTO_ACC
-        ),
-    }
+    {name: AutopilotMotion(**read_document("uavcover/data/motions.toml")[name]) for name in get_args(AutopilotName)}
 )
-"""Motion of ArduCopter 4.7 and PX4 1.17, with the parameters that the values are the defaults of."""
+"""Motion of ArduCopter 4.7 and PX4 1.17."""
 
 
 _LEAST_SPEED_M_S = 0.01

@@ -1,7 +1,6 @@
 """Documents of a run folder, from the objects they describe and back, and the folders of its flights."""
 
 import dataclasses
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from uavcover.model.scenario import Scenario
 from uavcover.model.vehicle import Fleet
 from uavcover.model.verdict import VerificationReport
 from uavcover.run.folder import SCHEMA_VERSION, RunFolder
+from uavcover.run.provenance import sha256_of
 from uavcover.run.user import to_paste
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
@@ -287,10 +287,4 @@ def continues(folder: RunFolder, before: RunFolder) -> bool:
         link = folder.read_json("run.json", made_by="uavcover fly --resume").get(LINK)
     except InputError:
         return False
-    return isinstance(link, dict) and link.get("track_sha256") == track_sha256(before.file(TRACK))
-
-
-def track_sha256(path: Path) -> str:
-    """SHA-256 of a track, by which the flight that goes on with it names it."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return isinstance(link, dict) and link.get("track_sha256") == sha256_of(before.file(TRACK))

@@ -151,7 +151,7 @@ def _breaches(ground: Ground, begins: FloatArray, ends: FloatArray, limits: Obst
 
 
 def geojson_polygons(path: Path, *, key: str) -> list[tuple[Rings, Mapping[str, Any]]]:
-    """The rings of every polygon of a GeoJSON file in longitude and latitude, with the properties of its feature.
+    """The polygons of a GeoJSON file in longitude and latitude, each with the properties of its feature.
 
     Other shapes are ignored.
 

@@ -48,6 +48,8 @@ def moving_pace(
     wind_m_s: tuple[float, float],
 ) -> Pace:
     """Inputs of the flight time: the autopilot's motion, the speeds, and the wind towards east and north."""
+    own = {field.name: getattr(motion, field.name) for field in dataclasses.fields(motion)}
+    own = {name: math.inf if value is None else value for name, value in own.items()}
     return Pace(
         cruise_m_s=cruise_m_s,
         climb_m_s=climb_m_s,
@@ -55,22 +57,7 @@ def moving_pace(
         airspeed_m_s=math.inf if airspeed_m_s is None else airspeed_m_s,
         wind_east_m_s=wind_m_s[0],
         wind_north_m_s=wind_m_s[1],
-        acceleration_m_s2=motion.acceleration_m_s2,
-        vertical_acceleration_m_s2=motion.vertical_acceleration_m_s2,
-        jerk_m_s3=motion.jerk_m_s3,
-        corner=BLENDED if motion.corner == "blended" else BRAKED,
-        corner_radius_m=motion.corner_radius_m,
-        smoothing_s=motion.smoothing_s,
-        settling_s=motion.settling_s,
-        settling_tc_s=motion.settling_tc_s,
-        vertical_change_m_s=math.inf if motion.vertical_change_m_s is None else motion.vertical_change_m_s,
-        takeoff_m_s=math.inf if motion.takeoff_m_s is None else motion.takeoff_m_s,
-        takeoff_slow_m=motion.takeoff_slow_m,
-        land_m_s=motion.land_m_s,
-        land_slow_m=motion.land_slow_m,
-        land_band_m=motion.land_band_m,
-        yaw_rate_deg_s=motion.yaw_rate_deg_s,
-        yaw_acceleration_deg_s2=math.inf if motion.yaw_acceleration_deg_s2 is None else motion.yaw_acceleration_deg_s2,
+        **own | {"corner": BLENDED if motion.corner == "blended" else BRAKED},
     )
 
 

@@ -8,17 +8,18 @@ published routes of several flights that each take at most 1,200 s.
 """
 
 import dataclasses
-import json
 import math
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 import shapely
+import tomli_w
 from pyproj import Transformer
 
 from uavcover.errors import InfeasibleError, InputError
@@ -36,6 +37,18 @@ from uavcover.scenario.vehicles import pace_of
 # routes are HEIGHT_M above the ground
 HEIGHT_M, _ALT_AMSL_M, LAT_DEG, LON_DEG = 20.0, 100.0, 46.0, 10.0
 CRS: Final = f"+proj=tmerc +lat_0={LAT_DEG} +lon_0={LON_DEG} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
+
+_SHARED: Final[Mapping[str, dict[str, Any]]] = MappingProxyType(
+    {
+        "area": {"fewest_places": 0},
+        "terrain": {"kind": "raster", "file": "dem.asc", "crs": CRS, "vertical_datum": "EGM96"},
+        "limits": {
+            "min_height_agl_m": HEIGHT_M - 1.0, "max_height_agl_m": HEIGHT_M + 1.0, "height_margin_m": 0.9,
+        },
+        "vehicle": {"takeoff_height_m": HEIGHT_M},
+        "planner": {"objective": "mission-time"},
+    }
+)  # fmt: skip
 
 
 class NamedTask(Protocol):
@@ -55,13 +68,18 @@ def earth_from_metres() -> Transformer:
 
 
 def flat_site(
-    folder: Path, scenario: str, *, corner_m: tuple[float, float], shape: tuple[int, int], pixel_m: float
+    folder: Path,
+    tables: Mapping[str, Any],
+    *,
+    corner_m: tuple[float, float],
+    shape: tuple[int, int],
+    pixel_m: float,
 ) -> Site:
     """The site of a scenario over flat ground in ``dem.asc``; both files are written to a folder.
 
     Args:
         folder: for the files.
-        scenario: the text of its file.
+        tables: of the scenario, with what is not the same for all: ``_SHARED`` has the rest.
         corner_m: the south-west corner of the ground.
         shape: number of its rows and columns.
         pixel_m: side of a pixel.
@@ -72,7 +90,8 @@ def flat_site(
         f"cellsize {pixel_m}\nNODATA_value -9999\n" + (f"{_ALT_AMSL_M} " * columns + "\n") * rows,
         encoding="utf-8",
     )
-    (folder / "scenario.toml").write_text(scenario, encoding="utf-8")
+    whole = {**tables, **{name: table | tables.get(name, {}) for name, table in _SHARED.items()}}
+    (folder / "scenario.toml").write_text(tomli_w.dumps(whole), encoding="utf-8")
     return load_site(str(folder / "scenario.toml"))
 
 
@@ -110,49 +129,6 @@ _LEEWAY_M = 0.005
 
 _CLEAR_M = 0.1
 """Home stands this far outside of buildings, on whose corners the published routes begin."""
-
-_SCENARIO = """\
-name = {name}
-select = "coverage>={required}"
-[area]
-polygons_lon_lat_deg = {area}
-cell_size_m = 0.3
-fewest_places = 0
-[terrain]
-kind = "raster"
-file = "dem.asc"
-crs = "{crs}"
-vertical_datum = "EGM96"
-[home]
-lat_deg = {home[1]}
-lon_deg = {home[0]}
-[sensor]
-kind = "nadir-camera"
-fov_deg = {fov_deg}
-range_m = 60.0
-mount = "stabilised"
-[limits]
-min_height_agl_m = {low_m}
-max_height_agl_m = {high_m}
-max_climb_angle_deg = 80.0
-height_margin_m = 0.9
-transit_clearance_m = 5.0
-fence_polygons_lon_lat_deg = {fence}
-[vehicle]
-cruise_speed_m_s = {speed}
-acceleration_m_s2 = {acceleration}
-jerk_m_s3 = 1000.0
-takeoff_height_m = {height_m}
-return_height_m = {height_m}
-reserve_fraction = 0.0
-autopilot = "px4"
-[vehicle.power]
-uncertainty_fraction = 0.0
-[planner]
-objective = "mission-time"
-waypoint_price = 0.0
-{zones}
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,19 +212,33 @@ def site_of(area: PublishedArea, folder: Path, capacity_s: float | None = None) 
 
     west, south, east, north = area.outline.bounds
     columns, rows = (math.ceil((side + 2.0 * _AROUND_M) / _PIXEL_M) for side in (east - west, north - south))
-    zones = "".join(
-        f"[[no_fly]]\nmargin_m = 0.0\npolygon_lon_lat_deg = {json.dumps(on_earth(ring))}\n"
-        for ring in area.outline.interiors
-    )
-    text = _SCENARIO.format(
-        name=json.dumps(area.name), required=REQUIRED, crs=CRS, zones=zones, height_m=HEIGHT_M, speed=SPEED_M_S,
-        area=json.dumps([[on_earth(ring) for ring in (area.outline.exterior, *area.outline.interiors)]]),
-        fence=json.dumps([on_earth(shapely.Polygon(area.outline.exterior).buffer(_LEEWAY_M, join_style="mitre").exterior)]),
-        home=[float(value) for value in to_earth.transform(*home_m)], low_m=HEIGHT_M - 1.0, high_m=HEIGHT_M + 1.0,
-        fov_deg=2.0 * math.degrees(math.atan(REACH_M / HEIGHT_M)), acceleration=ACCELERATION_M_S2,
-    )  # fmt: skip
+    fence = shapely.Polygon(area.outline.exterior).buffer(_LEEWAY_M, join_style="mitre").exterior
+    lon_deg, lat_deg = (float(value) for value in to_earth.transform(*home_m))
+    tables: dict[str, Any] = {
+        "name": area.name,
+        "select": f"coverage>={REQUIRED}",
+        "area": {
+            "polygons_lon_lat_deg": [[on_earth(ring) for ring in (area.outline.exterior, *area.outline.interiors)]],
+            "cell_size_m": 0.3,
+        },
+        "home": {"lat_deg": lat_deg, "lon_deg": lon_deg},
+        "sensor": {
+            "kind": "nadir-camera", "fov_deg": 2.0 * math.degrees(math.atan(REACH_M / HEIGHT_M)), "range_m": 60.0,
+            "mount": "stabilised",
+        },
+        "limits": {
+            "max_climb_angle_deg": 80.0, "transit_clearance_m": 5.0, "fence_polygons_lon_lat_deg": [on_earth(fence)],
+        },
+        "vehicle": {
+            "cruise_speed_m_s": SPEED_M_S, "acceleration_m_s2": ACCELERATION_M_S2, "jerk_m_s3": 1000.0,
+            "return_height_m": HEIGHT_M, "reserve_fraction": 0.0, "autopilot": "px4",
+            "power": {"uncertainty_fraction": 0.0},
+        },
+        "planner": {"waypoint_price": 0.0},
+        "no_fly": [{"margin_m": 0.0, "polygon_lon_lat_deg": on_earth(ring)} for ring in area.outline.interiors],
+    }  # fmt: skip
     corner_m = (west - _AROUND_M, south - _AROUND_M)
-    site = flat_site(folder, text, corner_m=corner_m, shape=(rows, columns), pixel_m=_PIXEL_M)
+    site = flat_site(folder, tables, corner_m=corner_m, shape=(rows, columns), pixel_m=_PIXEL_M)
     vehicle, pace = site.scenario.vehicle, pace_of(site)
     values = {field.name: getattr(vehicle, field.name) for field in dataclasses.fields(vehicle) if field.init}
     if capacity_s is not None:

@@ -20,8 +20,6 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.extras.benchmarks.areas import (
-    CRS,
-    HEIGHT_M,
     LAT_DEG,
     LON_DEG,
     earth_from_metres,
@@ -37,41 +35,6 @@ from uavcover.scenario.site import Site
 _RADIUS_M, _PIXELS = 50.0, 60
 _SHARED = 1e-3
 """Of a radius: published positions have five digits."""
-
-_SCENARIO = """\
-name = {name}
-select = "coverage>=1.0"
-[area]
-polygon_lon_lat_deg = {area}
-cell_size_m = 50.0
-fewest_places = 0
-[terrain]
-kind = "raster"
-file = "dem.asc"
-crs = "{crs}"
-vertical_datum = "EGM96"
-[home]
-lat_deg = {lat_deg}
-lon_deg = {lon_deg}
-[sensor]
-kind = "disc"
-radius_m = {radius_m}
-[limits]
-min_height_agl_m = {low_m}
-max_height_agl_m = {high_m}
-height_margin_m = 0.9
-applies_to = "waypoints"
-fence_margin_m = 100.0
-[vehicle]
-takeoff_height_m = {height_m}
-[planner]
-algorithm = "local-search"
-encoding = "waypoints"
-order = "nearest-neighbour"
-max_waypoints = {waypoints}
-cell_size_m = 50.0
-objective = "mission-time"
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,13 +130,23 @@ def site_of(instance: Instance, folder: Path) -> Site:
     to_earth = earth_from_metres()
     left, bottom, right, top = west - 1.0, south - 1.0, east + 1.0, north + 1.0
     corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
-    text = _SCENARIO.format(
-        name=json.dumps(instance.name), crs=CRS, lat_deg=LAT_DEG, lon_deg=LON_DEG, radius_m=_RADIUS_M,
-        area=json.dumps([list(map(float, to_earth.transform(*corner))) for corner in corners]),
-        low_m=HEIGHT_M - 1.0, high_m=HEIGHT_M + 1.0, height_m=HEIGHT_M, waypoints=len(moved) + 10,
-    )  # fmt: skip
+    tables: dict[str, Any] = {
+        "name": instance.name,
+        "select": "coverage>=1.0",
+        "area": {
+            "polygon_lon_lat_deg": [list(map(float, to_earth.transform(*corner))) for corner in corners],
+            "cell_size_m": 50.0,
+        },
+        "home": {"lat_deg": LAT_DEG, "lon_deg": LON_DEG},
+        "sensor": {"kind": "disc", "radius_m": _RADIUS_M},
+        "limits": {"applies_to": "waypoints", "fence_margin_m": 100.0},
+        "planner": {
+            "algorithm": "local-search", "encoding": "waypoints", "order": "nearest-neighbour",
+            "max_waypoints": len(moved) + 10, "cell_size_m": 50.0,
+        },
+    }  # fmt: skip
     corner_m = (west - around, south - around)
-    site = flat_site(folder, text, corner_m=corner_m, shape=(_PIXELS, _PIXELS), pixel_m=pixel)
+    site = flat_site(folder, tables, corner_m=corner_m, shape=(_PIXELS, _PIXELS), pixel_m=pixel)
     # Turns take no time, so that the mission time grows with the length of the tour.
     vehicle = replace(site.scenario.vehicle, acceleration_m_s2=math.inf)
     return replace(site, targets_m=moved + home_en_m(site), scenario=replace(site.scenario, vehicle=vehicle))

@@ -17,6 +17,7 @@ import numpy as np
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
+from mission_io.data_tables import read_document
 from mission_io.errors import FormatError
 from mission_io.formats.csv_tables import sniff
 from mission_io.formats.text import text_from_bytes
@@ -138,44 +139,6 @@ def read_mrk(path: Path) -> list[Picture]:
     return pictures
 
 
-_COLUMNS: dict[str, tuple[str, ...]] = {
-    "name": ("name", "image", "imagename", "filename", "file", "label", "photo", "sourcefile"),
-    "lat_deg": ("lat", "latitude", "gpslatitude", "latdeg", "y"),
-    "lon_deg": ("lon", "lng", "long", "longitude", "gpslongitude", "londeg", "x"),
-    "alt_m": ("absolutealtitude", "alt", "altitude", "height", "elevation", "gpsaltitude", "altamslm", "altm", "z"),
-    "alt_ellipsoid_m": ("ellipsoidalheight", "ellipsoidheight", "ellh", "altellipsoidm"),
-    "height_above_takeoff_m": ("relativealtitude",),
-    "time_s": (
-        "time",
-        "times",
-        "timestamp",
-        "seconds",
-        "datetimeoriginal",
-        "subsecdatetimeoriginal",
-        "createdate",
-        "datetime",
-    ),
-    "yaw_deg": ("yaw", "yawdeg", "heading", "gimbalyaw", "gimbalyawdegree"),
-    "pitch_deg": ("pitch", "pitchdeg", "gimbalpitch", "gimbalpitchdegree"),
-    "roll_deg": ("roll", "rolldeg", "gimbalroll", "gimbalrolldegree"),
-    "vehicle_yaw_deg": ("flightyawdegree",),
-    "horizontal_error_m": ("horizontalaccuracy", "accuracyhorizontal", "gpsxyaccuracy", "horizontalerrorm"),
-    "vertical_error_m": ("verticalaccuracy", "accuracyvertical", "gpszaccuracy", "verticalerrorm"),
-    "exposure_s": ("exposuretime",),
-    "focal_length_mm": ("focallength",),
-    "focal_length_35mm": ("focallengthin35mmformat", "focallengthin35mmfilm"),
-    "digital_zoom": ("digitalzoomratio",),
-}
-_REFERENCES = {
-    "lat_deg": ("gpslatituderef", "latituderef"),
-    "lon_deg": ("gpslongituderef", "longituderef"),
-    "alt_m": ("gpsaltituderef", "altituderef"),
-}
-_TEXTS = {
-    "make": ("make",), "model": ("model",), "serial": ("droneserialnumber", "bodyserialnumber", "serialnumber"),
-    "capture_id": ("captureuuid", "captureid"), "rtk": ("rtkflag",), "altitude_type": ("altitudetype",),
-    "width": ("imagewidth", "exifimagewidth"), "height": ("imageheight", "exifimageheight"),
-}  # fmt: skip
 _SEXAGESIMAL = re.compile(
     r"([-+]?)([NSEW]?)\s*(\d{1,3}(?:\.\d+)?)\s*(?:deg|[°d:]|\s)?\s*(?:(\d{1,2}(?:\.\d+)?)\s*['’′m:]?\s*)?"
     r"(?:(\d{1,2}(?:\.\d+)?)\s*(?:[\"”″s]|'')?\s*)?([NSEW]?)",
@@ -210,14 +173,15 @@ def read_table(path: Path) -> list[Picture]:
     # ExifTool puts groups before names, as in "XMP:GimbalYawDegree".
     heads = [re.sub(r"[^a-z0-9]", "", head.rpartition(":")[2].casefold()) for head in rows[0][1]]
 
-    def columns(named: Mapping[str, tuple[str, ...]]) -> dict[str, int]:
+    def columns(named: Mapping[str, list[str]]) -> dict[str, int]:
         return {
             key: heads.index(next(n for n in names if n in heads))
             for key, names in named.items()
             if set(names) & set(heads)
         }
 
-    place = columns(_COLUMNS)
+    table = read_document("uavcover/data/photo_columns.toml")
+    place, references, texts = columns(table["columns"]), columns(table["references"]), columns(table["texts"])
     lacking = [key for key in ("name", "lat_deg", "lon_deg") if key not in place]
     if not {"alt_m", "alt_ellipsoid_m", "height_above_takeoff_m"} & set(place):
         lacking.append("alt_m")
@@ -226,7 +190,6 @@ def read_table(path: Path) -> list[Picture]:
             f"{path}: the file has no column for {', '.join(lacking)}; its columns are {', '.join(rows[0][1])[:100]}; "
             "use columns such as name, latitude, longitude, altitude, yaw, pitch, roll"
         )
-    references, texts = columns(_REFERENCES), columns(_TEXTS)
     return [
         _of_row(
             path,

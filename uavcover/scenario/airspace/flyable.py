@@ -16,7 +16,7 @@ import shapely
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.surface import GRID, Surface
-from uavcover.scenario.airspace.zones import Polygons, Zone
+from uavcover.scenario.airspace.zones import Polygons, Zone, is_over_or_under
 from uavcover.scenario.obstacles import rings_m
 from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import Bounds, nodes_between, places_of_nodes_m
@@ -303,12 +303,8 @@ def _meets(site: Site, zone: Zone, low_agl_m: float, high_agl_m: float) -> bool:
     ground = _ground_amsl_m(site, zone)
     if ground is None:
         return False
-    entry, margin = zone.entry, site.scenario.limits.height_margin_m
-    floors = [(entry.floor_agl_m, high_agl_m), (entry.floor_amsl_m, ground[1] + high_agl_m)]
-    ceilings = [(entry.ceiling_agl_m, low_agl_m), (entry.ceiling_amsl_m, ground[0] + low_agl_m)]
-    under = [highest <= floor - margin for floor, highest in floors if floor is not None]
-    over = [lowest >= ceiling + margin for ceiling, lowest in ceilings if ceiling is not None]
-    return not ((under and all(under)) or (over and all(over)))
+    heights_m = (ground[0] + low_agl_m, ground[1] + high_agl_m)
+    return not is_over_or_under(zone.entry, (low_agl_m, high_agl_m), heights_m, -site.scenario.limits.height_margin_m)
 
 
 def _fills(site: Site, zone: Zone, low_agl_m: float, high_agl_m: float) -> bool:

@@ -190,13 +190,14 @@ class ZoneCheck:
             alts = self.frame.geodetic_from_enu(both.reshape(-1, 3))[2].reshape(-1, 2)
         leeway = _HEIGHT_TOLERANCE_M + self.ground.cut_error_m - self.height_margin_m
         out[limited] = [
-            _is_over_or_under(self.zones[zone].entry, (low, high), (float(a.min()), float(a.max())), leeway)
+            is_over_or_under(self.zones[zone].entry, (low, high), (float(a.min()), float(a.max())), leeway)
             for zone, (low, _, high, _), a in zip(parts.zone[limited], ranges.tolist(), alts, strict=True)
         ]
         return out
 
 
-def _is_over_or_under(entry: NoFly, agl_m: tuple[float, float], amsl_m: tuple[float, float], leeway_m: float) -> bool:
+def is_over_or_under(entry: NoFly, agl_m: tuple[float, float], amsl_m: tuple[float, float], leeway_m: float) -> bool:
+    """Whether all heights between two are below all floors or above all ceilings, exceeded by at most a leeway."""
     floors = [(entry.floor_agl_m, agl_m[1]), (entry.floor_amsl_m, amsl_m[1])]
     ceilings = [(entry.ceiling_agl_m, agl_m[0]), (entry.ceiling_amsl_m, amsl_m[0])]
     under = [highest <= floor + leeway_m for floor, highest in floors if floor is not None]
