@@ -14,7 +14,7 @@ import pytest
 import typer
 
 from uavcover.cli.main import app
-from uavcover.new.catalog import curve_named
+from uavcover.new.catalog import CURVES
 from uavcover.scenario.scenario_file import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parents[1]
@@ -191,14 +191,14 @@ def merged(block: dict[str, Any]) -> str:
     return "\n".join(top)
 
 
-CURVES = ROOT / "docs" / "reference" / "detection.md"
-SCENARIOS = [page for page in GUIDES if blocks(page, "toml") and page != CURVES]
+CURVE_PAGE = ROOT / "docs" / "reference" / "detection.md"
+SCENARIOS = [page for page in GUIDES if blocks(page, "toml") and page != CURVE_PAGE]
 
 
 def test_the_curve_of_detection_is_understood(tmp_path: Path) -> None:
-    (piece,) = blocks(CURVES, "toml")
+    (piece,) = blocks(CURVE_PAGE, "toml")
     (tmp_path / "curve.toml").write_text(piece, encoding="utf-8")
-    assert curve_named(str(tmp_path / "curve.toml")).table.probability.shape == (3, 3)
+    assert CURVES.named(str(tmp_path / "curve.toml")).table.probability.shape == (3, 3)
 
 
 @pytest.mark.parametrize("page", SCENARIOS, ids=named)

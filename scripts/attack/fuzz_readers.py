@@ -24,7 +24,7 @@ from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
 from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.readers import read_picture
-from uavcover.new.catalog import curve_named
+from uavcover.new.catalog import CURVES
 from uavcover.scenario.airspace.zone_file import _of_text as read_zone_text
 
 
@@ -163,7 +163,7 @@ def try_picture(path: Path) -> None:
 
 def try_curve(path: Path) -> None:
     """A curve of detection."""
-    table = curve_named(str(path)).table
+    table = CURVES.named(str(path)).table
     check(bool((table.probability >= 0.0).all() and (table.probability <= 1.0).all()), "a probability is one")
 
 

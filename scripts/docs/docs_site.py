@@ -20,7 +20,7 @@ import typer
 
 from uavcover.cli.main import app
 from uavcover.model.scenario import Scenario
-from uavcover.new.catalog import all_cameras, all_vehicles
+from uavcover.new.catalog import CAMERAS, VEHICLES
 
 _VALUE_NAMES: dict[Any, str] = {
     str: "TEXT",
@@ -181,7 +181,7 @@ def product_reference() -> str:
     ]
     lines += ["## Cameras", "", "| name | camera | sensor, mm | pixels | lens, mm | shortest interval, s | source |"]
     lines += ["|---|---|---:|---:|---:|---:|---|"]
-    for camera in all_cameras():
+    for camera in CAMERAS.by_name().values():
         interval = f"{camera.min_interval_s:g}" if camera.min_interval_s is not None else ""
         lines.append(
             f"| `{camera.name}` | {camera.title} | {camera.sensor_across_mm:g} x {camera.sensor_along_mm:g} "
@@ -192,7 +192,7 @@ def product_reference() -> str:
         "| name | vehicle | flight time, min | cruise speed, m/s | maximum speed, m/s | climb, m/s | descent, m/s | source |"
     ]
     lines += ["|---|---|---:|---:|---:|---:|---:|---|"]
-    for one in all_vehicles():
+    for one in VEHICLES.by_name().values():
         air_min = None if one.endurance_s is None else one.endurance_s / 60.0
         figures = (air_min, one.cruise_speed_m_s, one.max_speed_m_s, one.max_climb_m_s, one.max_descent_m_s)
         cells = " | ".join("" if figure is None else f"{figure:g}" for figure in figures)

@@ -8,27 +8,27 @@ import pytest
 
 from tests.naive import detection as naive
 from uavcover.errors import InputError
-from uavcover.extras.exports.command import dji_aircraft_named
+from uavcover.extras.exports.command import DJI_AIRCRAFT
 from uavcover.kernels.coverage import look_probability
-from uavcover.new.catalog import all_cameras, all_curves, all_vehicles, camera_named, curve_named, vehicle_named
+from uavcover.new.catalog import CAMERAS, CURVES, VEHICLES
 
-CAMERAS = {camera.name: camera for camera in all_cameras()}
-VEHICLES = {vehicle.name: vehicle for vehicle in all_vehicles()}
+BODIES = CAMERAS.by_name()
+TYPES = VEHICLES.by_name()
 
 
 def test_there_are_the_cameras_that_people_fly():
-    bodies = {camera.title.split(", ")[0] for camera in CAMERAS.values()}
+    bodies = {camera.title.split(", ")[0] for camera in BODIES.values()}
     assert len(bodies) >= 40
     assert {"dji-m3e", "dji-m3m", "dji-m3t", "dji-m30t", "dji-m4e", "dji-p1-24mm", "dji-p1-35mm", "dji-p1-50mm"} <= set(
-        CAMERAS
+        BODIES
     )
-    assert {"sony-a6000-16mm", "sony-a7r4-35mm", "sony-rx1r2", "micasense-rededge-mx", "gopro-hero4"} <= set(CAMERAS)
-    assert len(VEHICLES.keys() - {"arducopter", "px4"}) >= 12
+    assert {"sony-a6000-16mm", "sony-a7r4-35mm", "sony-rx1r2", "micasense-rededge-mx", "gopro-hero4"} <= set(BODIES)
+    assert len(TYPES.keys() - {"arducopter", "px4"}) >= 12
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("name", BODIES)
 def test_a_camera_is_consistent_and_sourced(name):
-    camera = CAMERAS[name]
+    camera = BODIES[name]
     pitch_um = 1000.0 * camera.sensor_across_mm / camera.pixels_across
     assert 1000.0 * camera.sensor_along_mm / camera.pixels_along == pytest.approx(pitch_um, rel=0.02)
     assert camera.sensor_across_mm > camera.sensor_along_mm  # landscape
@@ -59,7 +59,7 @@ def diagonal_mm(camera):
 
 def test_what_a_sheet_states_beside_sensor_and_lens_agrees_with_them():
     found = 0
-    for camera in CAMERAS.values():
+    for camera in BODIES.values():
         for words, (given, share) in STATED.items():
             for stated in re.findall(words, camera.source):
                 assert given(camera) == pytest.approx(float(stated), rel=share), (camera.name, stated)
@@ -67,9 +67,9 @@ def test_what_a_sheet_states_beside_sensor_and_lens_agrees_with_them():
     assert found >= 25
 
 
-@pytest.mark.parametrize("name", VEHICLES)
+@pytest.mark.parametrize("name", TYPES)
 def test_a_vehicle_is_plausible_and_sourced(name):
-    vehicle = VEHICLES[name]
+    vehicle = TYPES[name]
     assert vehicle.endurance_s is None or 600.0 <= vehicle.endurance_s <= 4000.0
     for speed in (vehicle.cruise_speed_m_s, vehicle.max_speed_m_s):
         assert speed is None or 3.0 <= speed <= 30.0
@@ -80,12 +80,12 @@ def test_a_vehicle_is_plausible_and_sourced(name):
 
 def test_known_figures():
     """By hand, from the sheets: 2.5 cm at 93.7 m for the Mavic 3 Enterprise, 4.4 um pixels of the P1."""
-    assert 0.025 * CAMERAS["dji-m3e"].focal_px == pytest.approx(93.8, abs=0.1)
-    p1 = CAMERAS["dji-p1-35mm"]
+    assert 0.025 * BODIES["dji-m3e"].focal_px == pytest.approx(93.8, abs=0.1)
+    p1 = BODIES["dji-p1-35mm"]
     assert 1000.0 * p1.sensor_across_mm / p1.pixels_across == pytest.approx(4.4, rel=0.01)
     assert p1.fov_across_deg == pytest.approx(54.3, abs=0.1)
-    assert CAMERAS["sony-a7r4-35mm"].focal_px == pytest.approx(9318.0, rel=1e-3)
-    assert VEHICLES["arducopter"].cruise_speed_m_s == 10.0
+    assert BODIES["sony-a7r4-35mm"].focal_px == pytest.approx(9318.0, rel=1e-3)
+    assert TYPES["arducopter"].cruise_speed_m_s == 10.0
 
 
 @pytest.mark.parametrize(
@@ -96,11 +96,11 @@ def test_known_figures():
     ],
 )  # fmt: skip
 def test_a_camera_is_found_by_any_spelling(spelling, name):
-    assert camera_named(spelling).name == name
+    assert CAMERAS.named(spelling).name == name
 
 
 def test_no_spelling_means_two():
-    for table, find in ((CAMERAS, camera_named), (VEHICLES, vehicle_named)):
+    for table, find in ((BODIES, CAMERAS.named), (TYPES, VEHICLES.named)):
         for row in table.values():
             assert find(row.name) == row
             assert find(row.title) == row
@@ -109,15 +109,15 @@ def test_no_spelling_means_two():
 @pytest.mark.parametrize(
     ("find", "wanted", "words"),
     [
-        (camera_named, "sony-a7r4", "did you mean sony-a7r4-35mm"),
-        (camera_named, "dji-m3", "dji-m3e"),
-        (camera_named, "??", "your own TOML file"),
-        (camera_named, "", "unknown name ''"),
-        (camera_named, "nowhere.toml", "cannot read nowhere.toml"),
-        (vehicle_named, "m350 rtk", "dji-m350-rtk"),
-        (vehicle_named, "x", "(see uavcover new --vehicle list)"),
+        (CAMERAS.named, "sony-a7r4", "did you mean sony-a7r4-35mm"),
+        (CAMERAS.named, "dji-m3", "dji-m3e"),
+        (CAMERAS.named, "??", "your own TOML file"),
+        (CAMERAS.named, "", "unknown name ''"),
+        (CAMERAS.named, "nowhere.toml", "cannot read nowhere.toml"),
+        (VEHICLES.named, "m350 rtk", "dji-m350-rtk"),
+        (VEHICLES.named, "x", "(see uavcover new --vehicle list)"),
         (
-            dji_aircraft_named,
+            DJI_AIRCRAFT.named,
             "x",
             "(see uavcover export --drone list)",
         ),  # it named a command without --drone
@@ -135,12 +135,12 @@ OWN = "sensor_mm = [13.2, 8.8]\npixels = [5472, 3648]\nfocal_length_mm = 8.8\nmi
 
 def test_a_camera_and_a_vehicle_of_ones_own(tmp_path):
     (tmp_path / "mine.toml").write_text(OWN, encoding="utf-8")
-    camera = camera_named(str(tmp_path / "mine.toml"))
+    camera = CAMERAS.named(str(tmp_path / "mine.toml"))
     assert (camera.name, camera.title, camera.min_interval_s) == ("mine", "mine", 1.5)
     (tmp_path / "table.toml").write_text("[my-camera]\n" + OWN, encoding="utf-8")
-    assert camera_named(str(tmp_path / "table.toml")).title == "my-camera"
+    assert CAMERAS.named(str(tmp_path / "table.toml")).title == "my-camera"
     (tmp_path / "v.toml").write_text('cruise_speed_m_s = 7\nautopilot = "px4"\n', encoding="utf-8")
-    assert vehicle_named(str(tmp_path / "v.toml")).cruise_speed_m_s == 7.0
+    assert VEHICLES.named(str(tmp_path / "v.toml")).cruise_speed_m_s == 7.0
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_a_bad_camera_is_one_line(tmp_path, text, words):
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as caught:
-        camera_named(str(path))
+        CAMERAS.named(str(path))
     assert words in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -179,28 +179,28 @@ def test_a_bad_vehicle_is_one_line(tmp_path):
     ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=words):
-            vehicle_named(str(path))
+            VEHICLES.named(str(path))
 
 
 def own(tmp_path, text):
     path = tmp_path / "ball.toml"
     path.write_text(text)
-    return curve_named(str(path))
+    return CURVES.named(str(path))
 
 
 def test_those_of_the_package_find_half_near_johnsons_pixels():
-    at = {one.name: one.half_at_m for one in all_curves()}
+    at = {one.name: one.half_at_m for one in CURVES.by_name().values()}
     # 0.5 m by 2 pixels, by 8 pixels, and finer by 7.5 % because 11 % are overlooked anyhow.
     assert at == pytest.approx({"person": 0.2325, "person-recognised": 0.0581}, rel=0.02)
-    assert all(one.source and one.independent == "sides" for one in all_curves())
-    assert curve_named("People").name == "person"
+    assert all(one.source and one.independent == "sides" for one in CURVES.by_name().values())
+    assert CURVES.named("People").name == "person"
 
 
 @pytest.mark.parametrize("sample_m", [0.002, 0.05, 0.0731, 0.11, 0.25, 0.4, 0.9, 2.0])
 @pytest.mark.parametrize("angle_deg", [0.0, 37.0, 80.0])
 def test_the_table_is_the_formula(sample_m, angle_deg):
     expected = 0.889 * naive.by_johnson(0.5, 2.0, sample_m)
-    assert look_probability(curve_named("person").table, sample_m, angle_deg) == pytest.approx(expected, abs=1e-3)
+    assert look_probability(CURVES.named("person").table, sample_m, angle_deg) == pytest.approx(expected, abs=1e-3)
 
 
 def test_leaves_hide_more_the_flatter_the_view(tmp_path):
@@ -269,4 +269,4 @@ def test_what_is_no_curve_is_one_line(tmp_path, text):
 
 def test_unknown_names_say_what_is_near():
     with pytest.raises(InputError, match="did you mean person"):
-        curve_named("persn")
+        CURVES.named("persn")

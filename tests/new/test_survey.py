@@ -5,11 +5,11 @@ import math
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.new.catalog import all_cameras, camera_named, vehicle_named
+from uavcover.new.catalog import CAMERAS, VEHICLES
 from uavcover.new.quantities import SURVEY
 from uavcover.new.survey import SINGLE, SurveyWish, design_survey, views_of
 
-M3E = camera_named("dji-m3e")
+M3E = CAMERAS.named("dji-m3e")
 
 
 def wish(**changes):
@@ -34,7 +34,7 @@ def test_a_mavic_3_enterprise_on_level_ground():
 
 def test_the_usual_limit_of_height_and_another():
     """The A7R IV with 35 mm would fly 233 m high for 2.5 cm."""
-    camera = camera_named("sony-a7r4-35mm")
+    camera = CAMERAS.named("sony-a7r4-35mm")
     found = design(camera=camera)
     assert found.gsd_height_m == pytest.approx(232.9, abs=0.1)
     assert found.max_height_agl_m == 120.0
@@ -55,7 +55,7 @@ def test_legs_climb_more_steeply_than_the_ground():
 
 
 def test_the_speed_obeys_the_camera():
-    camera = camera_named("dji-mini-3-pro")  # a picture every 2 s
+    camera = CAMERAS.named("dji-mini-3-pro")  # a picture every 2 s
     found = design(camera=camera)
     assert found.speed_m_s < 10.0
     assert found.picture_distance_m / found.speed_m_s >= 2.0 * 1.1
@@ -67,12 +67,12 @@ def test_the_speed_obeys_the_camera():
 
 
 def test_the_speed_obeys_the_vehicle():
-    assert design(vehicle=vehicle_named("px4")).speed_m_s == 5.0
-    assert design(vehicle=vehicle_named("dji-mini-3-pro")).speed_m_s == 8.0
+    assert design(vehicle=VEHICLES.named("px4")).speed_m_s == 5.0
+    assert design(vehicle=VEHICLES.named("dji-mini-3-pro")).speed_m_s == 8.0
     with pytest.raises(InputError, match=r"^--speed: 14 m/s exceeds the maximum of px4"):
-        design(vehicle=vehicle_named("px4"), speed_m_s=14.0)
-    assert design(vehicle=vehicle_named("dji-m3e")).endurance_s == 2700.0
-    assert design(vehicle=vehicle_named("dji-m3e"), endurance_s=1500.0).endurance_s == 1500.0
+        design(vehicle=VEHICLES.named("px4"), speed_m_s=14.0)
+    assert design(vehicle=VEHICLES.named("dji-m3e")).endurance_s == 2700.0
+    assert design(vehicle=VEHICLES.named("dji-m3e"), endurance_s=1500.0).endurance_s == 1500.0
 
 
 @pytest.mark.parametrize(
@@ -89,9 +89,9 @@ def test_what_cannot_be_flown(changes, words):
     assert ";" in str(caught.value)
 
 
-@pytest.mark.parametrize("camera", [camera.name for camera in all_cameras()])
+@pytest.mark.parametrize("camera", [camera.name for camera in CAMERAS.by_name().values()])
 def test_every_camera_has_a_band_that_can_be_planned_in(camera):
-    body = camera_named(camera)
+    body = CAMERAS.named(camera)
     for slope_deg, top_m in (
         (0.0, SURVEY.lowest_top_m + 8.0),
         (40.0, SURVEY.lowest_top_m + 8.0),

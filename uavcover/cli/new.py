@@ -86,7 +86,7 @@ class SearchOptions:
             InputError: it is not known, or the probability asked for is none.
         """
         from uavcover.errors import InputError
-        from uavcover.new.catalog import curve_named
+        from uavcover.new.catalog import CURVES
 
         if self.pod is not None and not 0.0 < self.pod <= 1.0:
             raise InputError(f"--pod: {self.pod:g} is not a probability; specify a value above 0 and at most 1")
@@ -96,14 +96,14 @@ class SearchOptions:
                     "--pod: this option requires --detection, the probability that one photo finds the target"
                 )
             return None
-        return curve_named(self.detection)
+        return CURVES.named(self.detection)
 
 
 def list_curves(console: "Console") -> int:
     """Say which curves of detection come with the package."""
-    from uavcover.new.catalog import all_curves
+    from uavcover.new.catalog import CURVES
 
-    curves = all_curves()
+    curves = CURVES.by_name().values()
     console.say(f"{'curve':20}{'50 % detection at':>30}  title")
     for one in curves:
         console.say(f"{one.name:20}{f'{100.0 * one.half_at_m:.3g} cm per pixel':>30}  {one.title}")
@@ -389,28 +389,28 @@ def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:
-    from uavcover.new.catalog import all_cameras, all_vehicles
+    from uavcover.new.catalog import CAMERAS, VEHICLES
 
     document: dict[str, Any] = {}
     if cameras:
         console.say(f"{'camera':32}{'pixels':>14}{'sensor':>16}{'lens':>10}{'interval':>10}  title")
-        for camera in all_cameras():
+        for camera in CAMERAS.by_name().values():
             interval = f"{camera.min_interval_s:g} s" if camera.min_interval_s is not None else "unknown"
             console.say(
                 f"{camera.name:32}{f'{camera.pixels_across} x {camera.pixels_along}':>14}"
                 f"{f'{camera.sensor_across_mm:.4g} x {camera.sensor_along_mm:.4g}':>16}{f'{camera.focal_length_mm:g} mm':>10}"
                 f"{interval:>10}  {camera.title}"
             )
-        document["cameras"] = [camera.name for camera in all_cameras()]
+        document["cameras"] = list(CAMERAS.by_name())
     if vehicles:
         console.say(f"{'vehicle':20}{'endurance':>12}{'usual':>9}{'largest':>9}{'climb':>9}{'descent':>9}  title")
-        for one in all_vehicles():
+        for one in VEHICLES.by_name().values():
             air = "unknown" if one.endurance_s is None else f"{one.endurance_s / 60.0:.0f} min"
             speeds = "".join(
                 f"{'unknown' if speed is None else f'{speed:g} m/s':>9}"
                 for speed in (one.cruise_speed_m_s, one.max_speed_m_s, one.max_climb_m_s, one.max_descent_m_s)
             )
             console.say(f"{one.name:20}{air:>12}{speeds}  {one.title}")
-        document["vehicles"] = [one.name for one in all_vehicles()]
+        document["vehicles"] = list(VEHICLES.by_name())
     console.result(document)
     return 0

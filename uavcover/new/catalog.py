@@ -4,10 +4,10 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -22,31 +22,37 @@ _LONGEST_BITS = 1000
 _MOST_NAMES = 8
 
 
-def read_catalog(name: str) -> dict[str, dict[str, Any]]:
-    """The rows of a table in ``uavcover/data``, by name."""
-    return dict(read_document(f"uavcover/data/{name}"))
+Entry = TypeVar("Entry")
 
 
-def read_row(name: str, *, table: str, option: str, command: str = "new") -> tuple[str, dict[str, Any], str]:
-    """A row of a table in ``uavcover/data``, or of a TOML file of people's own.
+@dataclass(frozen=True, slots=True)
+class Catalog(Generic[Entry]):
+    """A table in ``uavcover/data`` whose rows people name; or they describe their own in a TOML file."""
 
-    Args:
-        name: what the user wrote.
-        table: its file.
-        option: that takes the name.
-        command: whose ``list`` shows the table.
+    table: str  # its file
+    option: str  # that takes the name
+    entry_of: Callable[
+        [str, Mapping[str, Any], str], Entry
+    ]  # from a row's name, its keys, and where it stands, for errors
+    command: str = "new"  # whose ``list`` shows the table
 
-    Returns:
-        Its name, its keys, and where it stands, for errors.
+    def by_name(self) -> dict[str, Entry]:
+        """Every entry of the table."""
+        rows = read_document(f"uavcover/data/{self.table}")
+        return {name: self.entry_of(name, row, f"{self.table}: {name}") for name, row in rows.items()}
 
-    Raises:
-        InputError: it is not known, or the file cannot be read.
-    """
-    if name.lower().endswith(".toml"):
-        return Path(name).stem, read_own_row(Path(name), option=option), f"{option}: {name}"
-    rows = read_catalog(table)
-    found = find_name(name, rows, option=option, command=command)
-    return found, rows[found], f"{table}: {found}"
+    def named(self, name: str) -> Entry:
+        """An entry of the table, or of a TOML file of people's own.
+
+        Raises:
+            InputError: it is not known, or the values in the file cannot be used.
+        """
+        if name.lower().endswith(".toml"):
+            row = read_own_row(Path(name), option=self.option)
+            return self.entry_of(Path(name).stem, row, f"{self.option}: {name}")
+        rows = read_document(f"uavcover/data/{self.table}")
+        found = find_name(name, rows, option=self.option, command=self.command)
+        return self.entry_of(found, rows[found], f"{self.table}: {found}")
 
 
 def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
@@ -84,7 +90,7 @@ def _has_huge(value: object) -> bool:
     return isinstance(value, int) and value.bit_length() > _LONGEST_BITS
 
 
-def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str, command: str = "new") -> str:
+def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str, command: str) -> str:
     """Find the row of a name, in any case and with any spaces and hyphens; also by title and alias.
 
     Args:
@@ -172,23 +178,7 @@ class VehicleType:
     source: str = ""  # where the values are from
 
 
-def all_vehicles() -> tuple[VehicleType, ...]:
-    """The vehicles of the table."""
-    rows = read_catalog("vehicles.toml")
-    return tuple(_vehicle(name, row, where=f"vehicles.toml: {name}") for name, row in rows.items())
-
-
-def vehicle_named(name: str) -> VehicleType:
-    """A vehicle of the table, or of a TOML file of people's own.
-
-    Raises:
-        InputError: it is not known, or the file's values are not a vehicle's.
-    """
-    found, row, where = read_row(name, table="vehicles.toml", option="--vehicle")
-    return _vehicle(found, row, where=where)
-
-
-def _vehicle(name: str, row: dict[str, Any], *, where: str) -> VehicleType:
+def _vehicle(name: str, row: Mapping[str, Any], where: str) -> VehicleType:
     checked_row(row, where=where, required=(), optional=(*_NUMBERS, "autopilot"))
     numbers = {key: number_of(row, key, where=where) for key in _NUMBERS}
     autopilot = row.get("autopilot")
@@ -198,6 +188,9 @@ def _vehicle(name: str, row: dict[str, Any], *, where: str) -> VehicleType:
                 name, str(row["title"]), autopilot=autopilot, source=str(row.get("source", "")), **numbers
             )
     raise InputError(f"{where}: autopilot: must be ardupilot or px4, not {autopilot!r}")
+
+
+VEHICLES = Catalog("vehicles.toml", "--vehicle", _vehicle)
 
 
 # Cameras by name or from a file: sensor, pixels, lens, and how fast they take photos.
@@ -236,24 +229,7 @@ class CameraBody:
         return self.focal_length_mm / self.sensor_across_mm * self.pixels_across
 
 
-def all_cameras() -> tuple[CameraBody, ...]:
-    """The cameras of the table."""
-    return tuple(
-        _camera(name, row, where=f"cameras.toml: {name}") for name, row in read_catalog("cameras.toml").items()
-    )
-
-
-def camera_named(name: str) -> CameraBody:
-    """A camera of the table, or of a TOML file of people's own.
-
-    Raises:
-        InputError: it is not known, or the file's values are not a camera's.
-    """
-    found, row, where = read_row(name, table="cameras.toml", option="--camera")
-    return _camera(found, row, where=where)
-
-
-def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
+def _camera(name: str, row: Mapping[str, Any], where: str) -> CameraBody:
     checked_row(row, where=where, required=_REQUIRED, optional=_OPTIONAL)
     width, height = pair_of(row, "sensor_mm", where=where)
     across, along = pair_of(row, "pixels", where=where)
@@ -275,6 +251,9 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
             "focal length in millimetres, not the 35 mm equivalent"
         )
     return camera
+
+
+CAMERAS = Catalog("cameras.toml", "--camera", _camera)
 
 
 Independent = Literal["sides", "pictures", "none"]
@@ -302,22 +281,6 @@ class DetectionCurve:
         return float(self.table.sample_m[found[-1]]) if found.size else float("nan")
 
 
-def all_curves() -> tuple[DetectionCurve, ...]:
-    """The curves of the table that comes with the package."""
-    rows = read_catalog("detection.toml")
-    return tuple(_curve(name, row, where=f"detection.toml: {name}", is_example=True) for name, row in rows.items())
-
-
-def curve_named(name: str) -> DetectionCurve:
-    """A curve of the table, or of a TOML file of people's own.
-
-    Raises:
-        InputError: it is not known, or the file's values are no curve.
-    """
-    found, row, where = read_row(name, table="detection.toml", option="--detection", command="judge-photos")
-    return _curve(found, row, where=where, is_example=not name.lower().endswith(".toml"))
-
-
 def noticed(ratio: FloatArray) -> FloatArray:
     """Share of observers who notice a target, by pixels across it over those with which half of them do.
 
@@ -331,7 +294,7 @@ def noticed(ratio: FloatArray) -> FloatArray:
         return 1.0 / (1.0 + ratio ** -(2.7 + 0.7 * ratio))
 
 
-def _curve(name: str, row: dict[str, Any], *, where: str, is_example: bool) -> DetectionCurve:
+def _curve(name: str, row: Mapping[str, Any], where: str) -> DetectionCurve:
     if "probability" in row:
         checked_row(
             row, where=where, required=("ground_sample_m", "probability"), optional=("off_vertical_deg", "independent")
@@ -345,10 +308,15 @@ def _curve(name: str, row: dict[str, Any], *, where: str, is_example: bool) -> D
     if independent not in INDEPENDENT:
         raise InputError(f"{where}: independent: unknown value {independent!r}; use one of {', '.join(INDEPENDENT)}")
     title, source = str(row.get("title", name)), str(row.get("source", ""))
-    return DetectionCurve(name, title, source, table, independent, is_example)
+    is_own = where.startswith(_DETECTION)
+    return DetectionCurve(name, title, source, table, independent, is_example=not is_own)
 
 
-def _by_pixels(row: dict[str, Any], *, where: str) -> DetectionTable:
+_DETECTION = "--detection"
+CURVES = Catalog("detection.toml", _DETECTION, _curve, command="judge-photos")
+
+
+def _by_pixels(row: Mapping[str, Any], *, where: str) -> DetectionTable:
     target_m = number_of(row, "target_m", where=where) or 0.0
     pixels = number_of(row, "pixels_for_half", where=where) or SURVEY.pixels_for_half
     at_best = _share(row, "found_at_best", 1.0, where=where)
@@ -361,7 +329,7 @@ def _by_pixels(row: dict[str, Any], *, where: str) -> DetectionTable:
     return detection_table(target_m / (pixels * ratio), angles_deg, at_best * open_share[:, None] * noticed(ratio))
 
 
-def _own_table(row: dict[str, Any], *, where: str) -> DetectionTable:
+def _own_table(row: Mapping[str, Any], *, where: str) -> DetectionTable:
     samples_m = _numbers(row["ground_sample_m"], "ground_sample_m", where=where)
     if not (samples_m[0] > 0.0 and samples_m[-1] < 100.0):
         raise InputError(f"{where}: ground_sample_m: the values must be metres on the ground, above 0 and below 100")
@@ -407,7 +375,7 @@ def _numbers(values: object, key: str, *, where: str) -> FloatArray:
     return numbers
 
 
-def _share(row: dict[str, Any], key: str, default: float, *, where: str) -> float:
+def _share(row: Mapping[str, Any], key: str, default: float, *, where: str) -> float:
     value = row.get(key, default)
     if not _is_number(value) or not 0.0 <= value <= 1.0:
         raise InputError(f"{where}: {key}: must be a fraction between 0 and 1, not {value!r}")

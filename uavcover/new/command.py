@@ -15,7 +15,7 @@ from uavcover.model.limits import NoFly, window_of
 from uavcover.model.route import Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.new import quantities
-from uavcover.new.catalog import CameraBody, camera_named, vehicle_named
+from uavcover.new.catalog import CAMERAS, VEHICLES, CameraBody
 from uavcover.new.elevation_questions import (
     NewRequest,
     ask_about_heights,
@@ -278,13 +278,13 @@ def _wish(request: NewRequest) -> SurveyWish:
             f"{request.area.source}: an area also requires {', '.join(missing)} (to show the cameras, use uavcover "
             "new --camera list; the default --overlap is 75/70)"
         )
-    camera: CameraBody = camera_named(str(request.camera))
+    camera: CameraBody = CAMERAS.named(str(request.camera))
     forward, side = quantities.overlaps(request.overlap if request.overlap is not None else "75/70")
 
     no_margin = request.margin is not None and request.margin.strip().rstrip("m") in {"0", "0.0"}
     return SurveyWish(
         camera=camera, gsd_m=quantities.length_m(str(request.gsd), option="--gsd", example="2.5cm"), forward_overlap=forward,
-        side_overlap=side, vehicle=None if request.vehicle is None else vehicle_named(request.vehicle),
+        side_overlap=side, vehicle=None if request.vehicle is None else VEHICLES.named(request.vehicle),
         ceiling_agl_m=_length(request.max_height, "--max-height", "120m"),
         speed_m_s=None if request.speed is None else quantities.speed_m_s(request.speed, option="--speed", example="8m/s"),
         endurance_s=None if request.battery is None else quantities.time_s(request.battery, option="--battery", example="25min"),

@@ -15,7 +15,7 @@ from tests.mission_io.formats.wpml_tables import ReadPoint, check_kmz
 from tests.missions.test_sorties import there_and_back
 from tests.planner.sites import flat, hills, make_site, ridge
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
-from uavcover.extras.exports.command import dji_aircraft_named
+from uavcover.extras.exports.command import DJI_AIRCRAFT
 from uavcover.extras.exports.export import ExportRequest, FlightFile, export_mission, flight_files, write_exported
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
@@ -26,7 +26,7 @@ from uavcover.model.vehicle import AutopilotName
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 
-M3E = dji_aircraft_named("m3e")
+M3E = DJI_AIRCRAFT.named("m3e")
 FRAME: dict[str, Any] = {"kind": "frame-camera", "fov_across_deg": 70.0, "fov_along_deg": 50.0, "range_m": 300.0}
 SENSORS: dict[str, Sensor] = {
     "nadir, fixed": NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0),

@@ -11,7 +11,7 @@ from tests.naive import detection as naive
 from tests.planner.sites import HIGH_M, LOW_M, STEP_M, hills, make_site
 from uavcover.extras.photos.showing import Detection, detection_document, detection_doubts, shown_cells
 from uavcover.kernels.coverage import detection_table, look_probability
-from uavcover.new.catalog import DetectionCurve, curve_named
+from uavcover.new.catalog import CURVES, DetectionCurve
 from uavcover.sensing.pictures import camera_axes
 from uavcover.sensing.site_maps import judging_map
 
@@ -130,7 +130,7 @@ def test_the_mean_and_percentiles_weigh_cells_by_their_area():
 
 def test_a_curve_by_pixels_is_for_low_flights_too():
     values = np.zeros(1)
-    found = Detection(curve_named("person"), values, values, values)
+    found = Detection(CURVES.named("person"), values, values, values)
     assert not any("begins at" in doubt for doubt in detection_doubts(found, np.array([0.002])))
 
 
@@ -148,7 +148,7 @@ def test_a_curve_for_other_pictures_is_doubted():
 def test_a_curve_of_the_package_is_told_to_be_an_example() -> None:
     values = np.array([0.5, 0.5])
     shown = np.array([0.02, 0.02])
-    example = curve_named("person")
+    example = CURVES.named("person")
     assert example.is_example
     (doubt,) = detection_doubts(Detection(example, values, values, values), shown)
     assert "is a rule of thumb" in doubt

@@ -26,7 +26,7 @@ from uavcover.extras.photos.photo_verdict import footprints_geojson
 from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import PictureSet
-from uavcover.new.catalog import curve_named
+from uavcover.new.catalog import CURVES
 from uavcover.new.command import new_scenario
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
@@ -46,7 +46,7 @@ def verdict(tmp_path_factory):
     ]
     asked = PhotoRequest(
         photos=(), area=request, scenario=None, assumed=Assumptions(), takeoff=None, coverage=0.98, mount_known=True,
-        refly=False, budget_s=None, force=False, detection=curve_named("person"), pod=0.95,
+        refly=False, budget_s=None, force=False, detection=CURVES.named("person"), pod=0.95,
     )  # fmt: skip
     return judged(asked, PictureSet((*pictures, Picture(name=HOSTILE)), ()), site, Unattended())
 

@@ -38,9 +38,9 @@ from mission_io.model.items import (
 from tests.mission_io.formats.flights import random_flight
 from tests.mission_io.formats.route_files import ROUTES
 from tests.mission_io.formats.wpml_tables import check_kmz
-from uavcover.extras.exports.command import all_dji_aircraft, dji_aircraft_named
+from uavcover.extras.exports.command import DJI_AIRCRAFT
 
-M3E = dji_aircraft_named("dji-m3e")
+M3E = DJI_AIRCRAFT.named("dji-m3e")
 HOME = GeoPoint(47.25, -8.5, 512.25)
 
 
@@ -251,7 +251,7 @@ def test_what_others_write(suffix: str) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_our_own_files_read_back(seed: int) -> None:
     flight = random_flight(seed)
-    archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, all_dji_aircraft()["dji-m3e"], return_height_m=80.0)))
+    archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, DJI_AIRCRAFT.by_name()["dji-m3e"], return_height_m=80.0)))
     texts = {".wpml": archive.read(wpml.DOCUMENT).decode()}
     with contextlib.suppress(FormatError):  # Litchi cannot do every one
         texts[".csv"] = write_litchi(flight)
@@ -367,7 +367,7 @@ def _held(route: PointRoute) -> list[tuple[float | None, int, float | None]]:
 @pytest.mark.parametrize("seed", range(6))
 def test_what_the_camera_does_reads_back(seed: int) -> None:
     flight = random_flight(seed)
-    archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, all_dji_aircraft()["dji-m3e"], return_height_m=80.0)))
+    archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, DJI_AIRCRAFT.by_name()["dji-m3e"], return_height_m=80.0)))
     texts = {".wpml": archive.read(wpml.DOCUMENT).decode()}
     with contextlib.suppress(FormatError):
         texts[".csv"] = write_litchi(flight)

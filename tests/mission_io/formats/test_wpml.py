@@ -10,9 +10,9 @@ from mission_io.formats.point_route import CameraFlight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from tests.mission_io.formats.flights import pictures_at_once, random_flight
 from tests.mission_io.formats.wpml_tables import check_kmz
-from uavcover.extras.exports.command import all_dji_aircraft
+from uavcover.extras.exports.command import DJI_AIRCRAFT
 
-M3E = all_dji_aircraft()["dji-m3e"]
+M3E = DJI_AIRCRAFT.by_name()["dji-m3e"]
 
 
 @pytest.mark.parametrize("seed", range(24))
@@ -75,7 +75,7 @@ def test_equal_flights_are_equal_files() -> None:
     )
 
 
-@pytest.mark.parametrize(("name", "aircraft"), all_dji_aircraft().items())
+@pytest.mark.parametrize(("name", "aircraft"), DJI_AIRCRAFT.by_name().items())
 def test_every_aircraft_of_the_table(name: str, aircraft: DjiAircraft) -> None:
     read = check_kmz(write_kmz(random_flight(1), aircraft, return_height_m=80.0))
     assert (int(read.config["droneEnumValue"]), int(read.config["droneSubEnumValue"])) == aircraft.drone

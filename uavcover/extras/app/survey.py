@@ -13,7 +13,7 @@ import shapely
 from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.app.workspace import Workspace, free_name
 from uavcover.model.area import Ring
-from uavcover.new.catalog import all_cameras, all_vehicles
+from uavcover.new.catalog import CAMERAS, VEHICLES
 from uavcover.new.command import new_scenarios, say_design, say_estimate
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import Unattended
@@ -52,8 +52,8 @@ class Messages(Unattended):
 def choices() -> dict[str, Any]:
     """Cameras and vehicles by name."""
     return {
-        "cameras": [{"name": one.name, "title": one.title} for one in all_cameras()],
-        "vehicles": [{"name": one.name, "title": one.title} for one in all_vehicles()],
+        "cameras": [{"name": one.name, "title": one.title} for one in CAMERAS.by_name().values()],
+        "vehicles": [{"name": one.name, "title": one.title} for one in VEHICLES.by_name().values()],
     }
 
 

@@ -36,7 +36,7 @@ from uavcover.missions.failsafes import failsafe_settings
 from uavcover.model.limits import NoFly, Obstacle, window_of
 from uavcover.model.vehicle import AutopilotName, autopilot_name
 from uavcover.model.verdict import VerdictName
-from uavcover.new.catalog import VehicleType, vehicle_named
+from uavcover.new.catalog import VEHICLES, VehicleType
 from uavcover.run.user import User
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
@@ -250,7 +250,7 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
     Raises:
         InputError: a name is not known.
     """
-    vehicle = planned_vehicle(query.file) if query.vehicle is None else vehicle_named(query.vehicle)
+    vehicle = planned_vehicle(query.file) if query.vehicle is None else VEHICLES.named(query.vehicle)
     stated = vehicle.autopilot if vehicle is not None else None
     autopilot = autopilot_name(query.autopilot, stated or read.autopilot or "ardupilot")
     kind: Kind = read.kind or "multirotor"

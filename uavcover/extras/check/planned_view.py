@@ -22,7 +22,7 @@ from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.verdict import percent_beside
-from uavcover.new.catalog import CameraBody, camera_named
+from uavcover.new.catalog import CAMERAS, CameraBody
 from uavcover.new.quantities import overlaps
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.site import Site
@@ -83,7 +83,7 @@ def planned_view(
     """
     if checked.path is None or checked.world is None:
         return None
-    camera = camera_named(query.camera)
+    camera = CAMERAS.named(query.camera)
     area = read_area(query.area)
     pictures = planned_pictures(
         mission, checked.path, checked.world, aircraft, pitch_deg=query.pitch_deg, always=query.always

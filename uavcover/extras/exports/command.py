@@ -1,5 +1,6 @@
 """``uavcover export``: the chosen route of a run as files for other software."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +11,7 @@ from mission_io.formats.wpml import IMAGE_FORMATS, DjiAircraft
 from uavcover.cli import options
 from uavcover.cli.options import option
 from uavcover.errors import InputError
-from uavcover.new.catalog import checked_row, number_of, read_catalog, read_row
+from uavcover.new.catalog import Catalog, checked_row, number_of
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
@@ -104,7 +105,7 @@ def export(
         file_format=file_format, out=out, sortie=sortie,
         autopilot=None if autopilot is None else autopilot_name(autopilot, "ardupilot"),
         most_points=controller.most_points, heights=controller.heights,
-        aircraft=None if controller.drone is None else dji_aircraft_named(controller.drone), force=force,
+        aircraft=None if controller.drone is None else DJI_AIRCRAFT.named(controller.drone), force=force,
     )  # fmt: skip
     if file_format == "print":
         return _print(console, RunFolder(run), request, paper)
@@ -167,7 +168,7 @@ def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[Expo
 def _list(console: "Console") -> int:
 
     console.say(f"{'aircraft':20}{'drone':>8}{'payload':>9}{'camera pitch':>16}{'largest':>9}  title")
-    aircraft = all_dji_aircraft()
+    aircraft = DJI_AIRCRAFT.by_name()
     for name, one in aircraft.items():
         low_deg, high_deg = one.pitch_range_deg
         console.say(
@@ -178,26 +179,10 @@ def _list(console: "Console") -> int:
     return 0
 
 
-_TABLE = "dji.toml"
 _KEYS = ("drone", "payload", "payload_position", "image_format", "pitch_range_deg", "max_speed_m_s")
 
 
-def all_dji_aircraft() -> dict[str, DjiAircraft]:
-    """The aircraft of the table, by name."""
-    return {name: _aircraft(row, where=f"{_TABLE}: {name}") for name, row in read_catalog(_TABLE).items()}
-
-
-def dji_aircraft_named(name: str) -> DjiAircraft:
-    """An aircraft of the table, or of a TOML file of people's own.
-
-    Raises:
-        InputError: it is not known, or the file's values are not an aircraft's.
-    """
-    _, row, where = read_row(name, table=_TABLE, option="--drone", command="export")
-    return _aircraft(row, where=where)
-
-
-def _aircraft(row: dict[str, Any], *, where: str) -> DjiAircraft:
+def _aircraft(_name: str, row: Mapping[str, Any], where: str) -> DjiAircraft:
     checked_row(row, where=where, required=_KEYS, optional=())
     lenses = str(row["image_format"])
     unknown = [lens for lens in lenses.split(",") if lens not in IMAGE_FORMATS]
@@ -219,7 +204,10 @@ def _aircraft(row: dict[str, Any], *, where: str) -> DjiAircraft:
     )
 
 
-def _two(row: dict[str, Any], key: str, where: str) -> list[Any]:
+DJI_AIRCRAFT = Catalog("dji.toml", "--drone", _aircraft, command="export")
+
+
+def _two(row: Mapping[str, Any], key: str, where: str) -> list[Any]:
     value = row[key]
     if not isinstance(value, list) or len(value) != 2:
         raise InputError(f"{where}: {key}: expected two numbers, not {value!r}")

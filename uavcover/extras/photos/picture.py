@@ -13,7 +13,7 @@ import numpy as np
 
 from mission_io.model.plain_text import counted
 from uavcover.errors import InputError
-from uavcover.new.catalog import CameraBody, camera_named
+from uavcover.new.catalog import CAMERAS, CameraBody
 from uavcover.new.command import NewScenario, new_scenario
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.new.quantities import SURVEY
@@ -181,7 +181,7 @@ def survey_as_flown(
                 f"{counted(sum(others.values()), 'photo is', 'photos are')} from other cameras "
                 f"({', '.join(sorted(others))}) and not counted; judge each camera separately, with --camera and its photos"
             )
-    camera = camera_named(str(area.camera))
+    camera = CAMERAS.named(str(area.camera))
     _compare_lens(camera, pictures, user)
     gsd_m = _FIRST_HEIGHT_M / camera.focal_px
     wants_home = area.home is None and take_off is not None
