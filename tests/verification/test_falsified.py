@@ -209,3 +209,32 @@ def test_a_flight_that_ended_before_its_route_has_no_place_of_the_plan_to_keep(f
     judged = judge_track(field.site, out, field.planned)
     assert not judged.phases.route.any()
     assert [finding.text for finding in judged.findings if finding.effect != "noted"] == []
+
+
+def back_from(track: Track, field: Field, share: float) -> Track:
+    """A flight that turns back after a share of its way to the first waypoint, as a log without numbers has it."""
+    first_m = field.planned.waypoints_m[0]
+    away_m = np.linalg.norm(track.enu_m - track.enu_m[0], axis=1)
+    out = np.arange(int(np.argmax(away_m > share * np.linalg.norm(first_m - track.enu_m[0]))))
+    there_and_back = track.taken(np.concatenate([out, out[-2::-1]]))
+    step_s = float(np.median(np.diff(track.time_s)))
+    return without_numbers(replace(there_and_back, time_s=step_s * np.arange(len(there_and_back))))
+
+
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.9])
+def test_a_return_before_the_first_waypoint_is_all_transit(field: Field, share: float) -> None:
+    """Without numbers its nearest point to the route counted as the route, below the height band."""
+    back = back_from(field.flights["calm"], field, share)
+    report = field.verify(back)
+    assert report.violations == ()
+    assert "no part of the track is on the route" in report.doubts
+    # What was not observed may have been further away.
+    later_s = 60.0 * (np.arange(len(back)) >= len(back) // 2).astype(float)
+    away = replace(back, time_s=back.time_s + later_s)
+    assert judge_track(field.site, away, field.planned).phases.route.any()
+
+
+@pytest.mark.parametrize("falsify", falsified.PLACES, ids=lambda f: f.__name__)
+def test_a_flight_of_the_route_without_numbers_is_no_early_return(field: Field, falsify: Falsify) -> None:
+    track = without_numbers(falsify(field.site, field.flights["calm"], np.random.default_rng(1)))
+    assert judge_track(field.site, track, field.planned).phases.route.any()

@@ -277,6 +277,31 @@ def _beyond(numbers: NDArray[np.int64], span: list[int], passed: Passing | None)
     return found
 
 
+def turned_back(
+    track: Track, enu_m: FloatArray, joined: BoolArray, planned: PlannedRoute, passed: Passing,
+    *, home_m: FloatArray, speed_m_s: float,
+) -> bool:  # fmt: skip
+    """Whether a flight ended before the first planned waypoint: it was never as far from its take-off as that is from home.
+
+    A track moved elsewhere keeps its extent, so moving it and removing its numbers hides no route.
+
+    Args:
+        track: what was flown, from a take-off on the ground.
+        enu_m: (n, 3) its positions.
+        joined: (n - 1,) legs that were observed; on others the vehicle may have been away and back.
+        planned: the plan.
+        passed: where the track passed its waypoints; one waypoint can be passed by chance.
+        home_m: (3,) where the flight was planned to begin.
+        speed_m_s: greatest speed of the vehicle.
+    """
+    if (track.current_waypoint >= 1).any() or passed.passed.sum() > 1:
+        return False
+    away_m = np.linalg.norm(enu_m - enu_m[0], axis=1)
+    unseen_m = np.where(joined, 0.0, speed_m_s * np.diff(track.time_s))
+    furthest_m = max(float(away_m.max()), float((0.5 * (away_m[:-1] + away_m[1:] + unseen_m)).max(initial=0.0)))
+    return furthest_m < float(np.linalg.norm(planned.waypoints_m[0] - home_m)) - passed.radius_m
+
+
 def _nearest(enu_m: FloatArray, point_m: FloatArray, radius_m: float) -> int:
     """Number of the nearest sample of the first approach about as near to a (3,) point as any."""
     distance = np.linalg.norm(enu_m - point_m, axis=1)

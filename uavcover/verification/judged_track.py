@@ -21,6 +21,7 @@ from uavcover.verification.flown_route import (
     passing,
     place_of,
     plan_doubt,
+    turned_back,
     unobserved_stretches,
 )
 from uavcover.verification.measured_motion import POSITION_ERROR_M
@@ -113,14 +114,18 @@ def judge_track(
         misnumbered = contradiction(
             track, enu, joined, planned.waypoints_m, radius_m=radius_m, speed_m_s=limits.speed_m_s
         )
+    # Beginning, end and "under the ground": a vehicle stands on the bare ground, under what a surface model has there.
+    here_m = site.bare_ground.heights_agl_m(enu)
+    begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
     route = on_route(
         track, enu, planned, acceptance_radius_m=scenario.vehicle.acceptance_radius_m, passed=passed,
         # Where the positions do not match the plan, only the recorded waypoint numbers remain.
         believed=misnumbered is None or (passed is not None and not passed.passed.any()),
     )  # fmt: skip
-    # Beginning, end and "under the ground": a vehicle stands on the bare ground, under what a surface model has there.
-    here_m = site.bare_ground.heights_agl_m(enu)
-    begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
+    if planned is not None and passed is not None and begin.on_ground and site.home_m is not None and turned_back(
+        track, enu, joined, planned, passed, home_m=site.home_m, speed_m_s=limits.speed_m_s
+    ):  # fmt: skip
+        route = np.zeros_like(route)
     if planned is None and not (track.current_waypoint >= 0).any():
         route = route & ~_take_off_and_landing(site, enu, here_m, begin, end)
     phases = _phases(site, enu, route, planned, end)
