@@ -10,7 +10,7 @@ import shapely
 
 from mission_io.model.items import Command, Fence, FenceCircle, LatLon
 from tests.extras.check.test_checks import checked, found
-from tests.extras.check.worlds import COPTER, PLANE, home, item, lat_lon, mission, up, way, world
+from tests.extras.check.worlds import COPTER, PLANE, command, home, item, lat_lon, mission, up, way, world
 from tests.naive import turn as naive
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.turns import circle, spline, straight, turns_of
@@ -78,6 +78,17 @@ def test_more_speed_than_the_vehicle_makes() -> None:
     assert ("speed", (0, 4)) in found(
         checked(up(), way(300.0, 0.0, 115.0), way(600.0, 0.0, 115.0), home(), aircraft=slow)
     )
+
+
+def test_more_speed_than_any_multirotor_makes() -> None:
+    at_99 = command(int(Command.DO_CHANGE_SPEED), 1.0, 99.0, -1.0)
+    legs = up(), at_99, way(300.0, 0.0, 115.0), way(600.0, 0.0, 115.0), home()
+    (fast,) = (one for one in checked(*legs).findings if one.kind == "speed")
+    assert fast.what == "the mission commands 99 m/s, but multirotors fly at most 30 m/s"
+    assert fast.weight == "breaks"
+    assert "speed" not in {kind for kind, _ in found(checked(*legs, aircraft=PLANE))}
+    able = dataclasses.replace(COPTER, max_airspeed_m_s=100.0)
+    assert "speed" not in {kind for kind, _ in found(checked(*legs, aircraft=able))}
 
 
 @pytest.mark.parametrize("radius_m", [80.0, -80.0])

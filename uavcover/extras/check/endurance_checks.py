@@ -131,15 +131,16 @@ def _steady_s(points: np.ndarray, segment: Segment, aircraft: Aircraft, wind: np
 
 
 def speed_findings(path: FlownPath, aircraft: Aircraft) -> list[CheckFinding]:
-    """Segments whose speed is more than the vehicle makes."""
-    most = aircraft.max_airspeed_m_s
+    """Segments whose speed is more than the vehicle makes, or than any multirotor where its own is unknown."""
+    most, who, do = aircraft.max_airspeed_m_s, "the vehicle flies", "command a lower speed"
+    if most is None and not aircraft.has_wings:
+        most, who, do = CHECKS.fastest_multirotor_m_s, "multirotors fly", f"{do}, or name a faster vehicle (--vehicle)"
     if most is None:
         return []
     found = [
         CheckFinding(
             kind="speed", weight="breaks", items=segment.items, by=segment.speed_m_s - most, unit="m/s",
-            what=f"the mission commands {segment.speed_m_s:g} m/s, but the vehicle flies at most {most:g} m/s",
-            do="command a lower speed",
+            what=f"the mission commands {segment.speed_m_s:g} m/s, but {who} at most {most:g} m/s", do=do,
         )
         for segment in path.distinct
         if segment.speed_m_s > most + 1e-6

@@ -46,6 +46,7 @@ class _Checks:
     return_line_piece_m: float
     directions: int
     least_speed_m_s: float
+    fastest_multirotor_m_s: float
     cone_slope: float
     cone_climb_m: float
 
