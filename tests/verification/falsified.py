@@ -92,6 +92,13 @@ def coarse(site: Site, track: Track, rng: np.random.Generator) -> Track:
     return moved_to(site, track, np.round(track.enu_m / [step, step, 1.0]) * [step, step, 1.0])
 
 
+def latitude_of_another_time(site: Site, track: Track, rng: np.random.Generator) -> Track:
+    """As a log has it that was put together from two streams of messages."""
+    enu, late_s = track.enu_m.copy(), rng.choice([-1, 1]) * rng.uniform(1.1, 2.0)
+    enu[:, 1] = np.interp(track.time_s - late_s, track.time_s, enu[:, 1])
+    return moved_to(site, track, enu)
+
+
 def the_plan_itself(site: Site, track: Track, rng: np.random.Generator) -> Track:
     """The legs of the flight at one speed, corners and all."""
     corners = [0, *np.flatnonzero(np.diff(track.current_waypoint)), len(track) - 1]
@@ -188,7 +195,8 @@ def twice_around(_site: Site, track: Track, _rng: np.random.Generator) -> Track:
 
 
 MOTION: tuple[Falsify, ...] = (
-    teleports, fast_clock, slow_clock, frozen, interpolated, shuffled, height_jumps, coarse, the_plan_itself,
+    teleports, fast_clock, slow_clock, frozen, interpolated, shuffled, height_jumps, coarse,
+    latitude_of_another_time, the_plan_itself,
 )  # fmt: skip
 UNOBSERVED: tuple[Falsify, ...] = (thinned, with_a_hole, with_many_holes, begun_in_the_air, ended_in_the_air)
 PLACES: tuple[Falsify, ...] = (

@@ -78,7 +78,7 @@ def test_an_honest_velocity_agrees(name: str, rate_hz: float) -> None:
     lat, lon, alt = FRAME.geodetic_from_enu(enu)
     told = FRAME.enu_from_geodetic(np.round(lat, 7), np.round(lon, 7), np.round(alt, 3))
     motion = judged(time_s, told, HONEST[name](time_s, velocity))
-    assert (motion.moves, motion.contradiction) == ((), None)
+    assert (motion.moves, motion.contradiction, motion.lag) == ((), None, None)
     assert motion.joined.all()
 
 
@@ -86,7 +86,18 @@ def test_an_honest_velocity_agrees(name: str, rate_hz: float) -> None:
 def test_the_error_of_an_estimator_is_no_contradiction(seed: int) -> None:
     time_s, enu, velocity = flown(10.0)
     motion = judged(time_s, enu + wandering(time_s, seed), velocity)
+    assert (motion.moves, motion.contradiction, motion.lag) == ((), None, None)
+
+
+@pytest.mark.parametrize("by_s", [-1.0, 1.0])
+@pytest.mark.parametrize(("column", "axis"), [(0, "eastward"), (1, "northward")])
+def test_one_coordinate_of_another_time_than_the_others(column: int, axis: str, by_s: float) -> None:
+    """In each window that is less than the error of the positions may be."""
+    time_s, enu, velocity = flown(5.0, speed_m_s=5.0)
+    enu[:, column] = np.interp(time_s - by_s, time_s, enu[:, column])
+    motion = judged(time_s, enu + wandering(time_s, 1), velocity)
     assert (motion.moves, motion.contradiction) == ((), None)
+    assert motion.lag == (pytest.approx(by_s, abs=0.3), axis)
 
 
 @pytest.mark.parametrize("by_m", [0.5, 1.0, 4.0])

@@ -169,6 +169,11 @@ def _unconfirmed(
             everywhere,
             "contradicted",
         )
+    if fits.axes_apart_s > LEAN.most_apart_s:
+        text = (
+            f"roll and pitch match the eastward and the northward accelerations at times {fits.axes_apart_s:g} s apart"
+        )
+        return LeanProblem(text, everywhere, "contradicted")
     if (why := own.contradiction) is not None:
         return LeanProblem(f"roll and pitch do not match the flown accelerations: {why}", everywhere, "contradicted")
     if fits.bad:

@@ -24,6 +24,8 @@ class _Lean:
     gust_lean_m_s2: float
     model_share: float
     most_late_s: float
+    most_apart_s: float
+    least_axis_m_s2: float
     slow_s: float
     step_s: float
     noise_ratio: float
@@ -158,6 +160,17 @@ class LeanFits:
     # by the seconds by which the lean is taken from later; without 0 where too little is known
     late: Mapping[float, LeanFit]
     bad: tuple[BadStretch, ...]  # the shortest stretches that contradict, in order of time
+    by_axis: tuple[Mapping[float, LeanFit], Mapping[float, LeanFit]]  # as ``late``, eastward alone and northward alone
+
+    @property
+    def axes_apart_s(self) -> float:
+        """Time between the moments whose lean fits best eastward and northward; 0 where one moment may fit both."""
+        east, north = self.by_axis
+        if not (east and north and east.keys() == north.keys()):
+            return 0.0
+        of_east, of_north = (max(fits, key=lambda late_s: fits[late_s].signal) for fits in self.by_axis)
+        worse = (east[of_east].signal - east[of_north].signal, north[of_north].signal - north[of_east].signal)
+        return abs(of_east - of_north) if min(worse) > LEAN.smallest_signal else 0.0
 
 
 def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray) -> LeanFits:
@@ -181,6 +194,7 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
         LEAN.noise_ratio * min(windows.noise_m[0], windows.most_noise_m[0] / NOISE_MEDIANS) / LEAN.window_s**2
     )
     fits: dict[float, LeanFit] = {}
+    by_axis: tuple[dict[float, LeanFit], dict[float, LeanFit]] = ({}, {})
     bad: tuple[BadStretch, ...] = ()
     for late_s in _LATE_S:
         lean = mean_over(time_s, thrust, time_s[middle] + late_s, half_s)
@@ -191,9 +205,13 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
         a, b = _without_drag(at_s, velocity[known], yaw, acceleration[known], lean[known])
         each = max(1.0, 2.0 * float(np.median(half_s[known])) / max(LEAN.step_s, float(np.median(np.diff(at_s)))))
         fits[float(late_s)] = LeanFit.of(a, b, count=len(a) / each, noise_m_s2=noise_m_s2)
+        for axis, of_axis in enumerate(by_axis):
+            along, lean_along = a[:, [axis]], b[:, [axis]]
+            if np.sqrt((along**2).mean()) > LEAN.least_axis_m_s2:
+                of_axis[float(late_s)] = LeanFit.of(along, lean_along, count=len(a) / each, noise_m_s2=noise_m_s2)
         if late_s == 0.0:
             bad = _bad_stretches(at_s, a, b, yaw, each=each, noise_m_s2=noise_m_s2)
-    return LeanFits(fits, bad)
+    return LeanFits(fits, bad, by_axis)
 
 
 STRETCHES_S = (40.0, 80.0, 160.0, np.inf)

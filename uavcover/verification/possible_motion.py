@@ -27,6 +27,7 @@ from uavcover.verification.measured_motion import (
     WindowFigures,
     Windows,
     contradictions,
+    position_lag,
     white_noise_m,
 )
 
@@ -129,6 +130,8 @@ class Motion:
     contradicted_fraction: float = 0.0
     # the stretch from the first to the last of these contradictions, with the worst
     contradiction: ImpossibleMove | None = None
+    # seconds by which the positions are later than the reported velocity, where that is more than possible, and on which axis
+    lag: tuple[float, str] | None = None
 
 
 def judge_motion(
@@ -157,10 +160,12 @@ def judge_motion(
     del windows
     for of_length in longer:
         _mark_accelerations(found, limits, of_length())
-    fraction, contradiction = 0.0, None
+    fraction, contradiction, lag = 0.0, None, None
     if velocity_m_s is not None:
         error = PositionError((position_error_m, UPWARD * position_error_m), ERROR_TIME_S)
-        new = _Found(joined & ~found.marked)
+        possible = joined & ~found.marked
+        lag = position_lag(time_s, enu_m, possible, velocity_m_s, error=error)
+        new = _Found(possible)
         _mark_velocities(
             new, contradictions(time_s, enu_m, velocity_m_s, error=error, acceleration_m_s2=limits.acceleration_m_s2)
         )
@@ -184,7 +189,7 @@ def judge_motion(
         replace(move, step_m_s=_velocity_step_m_s(time_s, enu_m, joined, allowance_m, limits, move))
         for move in _moves(time_s, found, unreachable, limits)
     )
-    return Motion(joined, evidence, moves, noise_m, white_m, fraction, contradiction)
+    return Motion(joined, evidence, moves, noise_m, white_m, fraction, contradiction, lag)
 
 
 class _Found:

@@ -19,7 +19,7 @@ from uavcover.model.track import Track
 from uavcover.scenario.site import Site
 from uavcover.verification.attitude import KnownAttitude
 from uavcover.verification.flown_route import TRACK, place_of
-from uavcover.verification.measured_motion import COARSE_STEP_S, Windows
+from uavcover.verification.measured_motion import COARSE_STEP_S, VELOCITY, Windows
 from uavcover.verification.possible_motion import (
     ACCELERATION_WINDOWS_S,
     MAX_JUMP_M,
@@ -179,6 +179,12 @@ def motion_doubts(
             f"reported velocity and positions contradict each other for {motion.contradicted_fraction:.0%} of the "
             f"time, from {track.time_s[move.first]:.1f} s, {place_of(site, enu_m[move.first])}: {move}; one of the "
             "two was not measured"
+        )
+    if motion.lag is not None:
+        lag_s, axis = motion.lag
+        doubts.append(
+            f"the {axis} positions are {abs(lag_s):.1f} s {'late' if lag_s > 0.0 else 'early'} against the reported "
+            f"velocity, at most {VELOCITY.skew_s:g} s is possible; one of the two was not measured"
         )
     if len(motion.moves) > TRACK.max_impossible_moves:
         first = motion.moves[0]
