@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Mode
-from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
+from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for, presses
 from uavcover.flight.orders import FlightTimeouts, OnBreach, OperatingVolume, PlanNeeds, Precautions
 from uavcover.kernels.flight_time import Pace
 from uavcover.mock.dynamics import BatteryData, WindModel
@@ -89,6 +89,27 @@ def test_wind_that_pushes_it_off_its_leg_is_wind():
     kinds = [i.kind for i in outcome.incidents]
     assert Ending.WIND_ABOVE_LIMITS in kinds
     assert Ending.OFF_ROUTE not in kinds
+
+
+@AUTOPILOTS
+def test_wind_that_pushes_it_off_its_leg_is_told_without_heartbeats(autopilot):
+    """Following by its other messages, only the lost heartbeats were told, 2 km from the route."""
+    scene = scene_of(autopilot, "strong-wind:25@20s", "heartbeat-loss@15s")
+    _, text = flown(scene, stop=presses(scene, 90.0, 91.0), precautions=Precautions(on_breach=OnBreach.TELL))
+    assert "the state of the vehicle is unknown" in text
+    assert [event for event in scene.events if event.alarm and "off the planned leg to item" in event.text]
+    still = scene_of(autopilot, "heartbeat-loss@15s")
+    outcome, _ = flown(still, precautions=Precautions(on_breach=OnBreach.TELL))
+    assert [i.kind for i in outcome.incidents] == [Ending.HEARTBEAT_LOST]
+
+
+def test_a_vehicle_whose_motors_fail_at_take_off_lies_on_the_ground():
+    """It was 'stuck, in the air, 0 m above home': ArduCopter goes on saying that it flies."""
+    for more in ((), ("heartbeat-loss@12s",)):
+        outcome, text = flown(scene_of(ARDUPILOT, "motor-failure@item1", *more))
+        assert outcome.ending is Ending.CRASHED
+        assert "the vehicle should be in the air but is on the ground" in text
+        assert "now: on the ground, according to its motion, armed" in text
 
 
 @AUTOPILOTS

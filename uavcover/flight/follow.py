@@ -67,7 +67,7 @@ def follow_mission(
             preconditions.look(meanwhile)  # first: what changed here is the cause of what the others see
         if aloft and follower.in_mission:
             guard.look()
-        elif aloft and follower.holds:
+        elif aloft and (follower.holds or follower.mode_is_unknown):
             guard.look_at_place()
         meanwhile()
         photos.look()
@@ -122,9 +122,9 @@ def follow_home(
             return
         if preconditions is not None:
             preconditions.look(lambda: None)
-        if progress is not None and guard is not None and follower.in_mission:
+        if progress is not None and guard is not None and (follower.in_mission or follower.mode_is_unknown):
             progress.update()
-            guard.look()
+            (guard.look if follower.in_mission else guard.look_at_place)()
         follower.react()
 
     fallen = _follow_to_the_ground(session, follower, look)

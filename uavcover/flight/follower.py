@@ -77,6 +77,11 @@ class Follower:
         return self.is_ours and self._hold is None and self._lands_for is None
 
     @property
+    def mode_is_unknown(self) -> bool:
+        """Whether no heartbeat tells its mode, and nothing else is known to have the vehicle; its positions still arrive."""
+        return self._session.watch.is_open(Ending.HEARTBEAT_LOST) and self.cause is None
+
+    @property
     def is_ours(self) -> bool:
         """Whether current evidence shows that the vehicle does what we commanded."""
         return not self._override.begun and self._session.obeys(self._commanded)

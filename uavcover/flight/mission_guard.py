@@ -298,7 +298,7 @@ class MissionGuard:
         return None
 
     def look_at_place(self) -> None:
-        """Look whether the vehicle is near its leg; called while it is in its mission, or holds, in the air."""
+        """Look whether the vehicle is near its leg; called in the air, in its mission, a hold or an unknown mode."""
         session, off_m = self._session, self._progress.off_leg_m
         watch = session.watch
         if off_m <= GUARD.off_route_radii * self._plan.acceptance_radius_m:

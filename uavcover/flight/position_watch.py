@@ -320,7 +320,8 @@ class FallWatch:
 
     def _look_whether_it_lies(self, here: m.GlobalPositionInt, height_m: float) -> None:
         still = math.hypot(*_velocity(here)) < FALL.still_m_s
-        if not still or not self._aloft:
+        says_flying = self._session.monitor.ground.says_landed is False
+        if not still or not (self._aloft or says_flying):
             self._still_since_s = None
             return
         if self._still_since_s is None:
@@ -334,13 +335,14 @@ class FallWatch:
             self._crashed("should be in the air but is")
 
     def _may_stand(self) -> bool:
-        """Whether the vehicle may be on the ground: it lands, reports a landing, or its mode is unknown."""
+        """Whether the vehicle may be on the ground: before take-off, it lands, reports so, or its mode is unknown."""
         monitor, plan = self._session.monitor, self._plan
         if plan is None or monitor.ground.says_landed or not self._session.on_mission:
             return True
         index = plan.index_of(monitor.current_seq, self._session.autopilot)
         items = plan.mission.items
-        return not 0 <= index < len(items) or items[index].command in _LANDINGS or index == 0
+        waits = index == 0 and monitor.ground.says_landed is None
+        return not 0 <= index < len(items) or items[index].command in _LANDINGS or waits
 
     def _crashed(self, how: str) -> None:
         session, here = self._session, self._seen
