@@ -200,12 +200,12 @@ class TestOrder:
         assert len(shortest) == 10 * 2 * len(PLANNERS)
         assert [run.number for run in shortest[: 2 * len(PLANNERS)]] == [1] * 2 * len(PLANNERS)
         assert max(run.number for run in runs if run.effort == "300s") == 2
-        assert len({run.key for run in runs}) == len(runs)
+        assert len({str(run) for run in runs}) == len(runs)
 
     def test_a_key_tells_its_run(self) -> None:
         run = CoverageRun("jacksboro", OURS, effort_of(0.5), 7)
-        assert run.key == "jacksboro/memetic/0.5s/7"
-        assert run_of_key(run.key) == run
+        assert str(run) == "jacksboro/memetic/0.5s/7"
+        assert run_of_key(str(run)) == run
         assert run.budget_s == 0.5
         assert CoverageRun("jacksboro", OURS, ONCE, 1).budget_s is None
 

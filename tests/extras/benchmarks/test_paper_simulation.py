@@ -112,7 +112,7 @@ class TestRuns:
                 assert by_weights([one]).figures == one.front[one.chosen].figures
 
     def test_first_runs_first(self) -> None:
-        keys = [run.key for run in paper_runs(("planar", "R2-ray"), 2)]
+        keys = [str(run) for run in paper_runs(("planar", "R2-ray"), 2)]
         assert keys[:4] == ["planar/modbo/1", "planar/imodbo/1", "R2-ray/modbo/1", "R2-ray/imodbo/1"]
         assert len(keys) == 8
 

@@ -8,14 +8,15 @@ published routes of several flights that each take at most 1,200 s.
 """
 
 import dataclasses
+import functools
 import math
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -23,7 +24,7 @@ import tomli_w
 from pyproj import Transformer
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.extras.benchmarks.runs import KeptRuns, completed
+from uavcover.extras.benchmarks.runs import KeptRuns, kept
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import landing_time, takeoff_time
 from uavcover.missions.flights import compile_sorties
@@ -49,17 +50,6 @@ _SHARED: Final[Mapping[str, dict[str, Any]]] = MappingProxyType(
         "planner": {"objective": "mission-time"},
     }
 )  # fmt: skip
-
-
-class NamedTask(Protocol):
-    """One that a plan is made for."""
-
-    @property
-    def name(self) -> str:
-        """Key of its run."""
-
-
-Task = TypeVar("Task", bound=NamedTask)
 
 
 def earth_from_metres() -> Transformer:
@@ -108,15 +98,6 @@ def planned(site: Site, name: str, budget_s: float) -> Plan:
         return plan_routes(site, settings=settings, select_rule=site.scenario.select, effort=effort)
     except InfeasibleError as error:
         raise InfeasibleError(f"{name}: {error}") from error
-
-
-def plan_each(
-    folder: KeptRuns, plan: Callable[[Task], dict[str, Any]], tasks: Sequence[Task], *, processes: int
-) -> Iterator[str]:
-    """Plan side by side, and keep what each plan comes to; the name of each that is done."""
-    for task, document in completed(plan, tasks, processes=processes):
-        folder.write(task.name, document)
-        yield task.name
 
 
 SPEED_M_S, ACCELERATION_M_S2, REACH_M = 3.0, 1.0, 1.5
@@ -247,20 +228,12 @@ def site_of(area: PublishedArea, folder: Path, capacity_s: float | None = None) 
     return dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, vehicle=stopping)), home_m
 
 
-@dataclass(frozen=True, slots=True)
-class _AreaTask:
-    data: Path
-    name: str
-    budget_s: float
-    capacity_s: float | None
-
-
-def _run(task: _AreaTask) -> dict[str, Any]:
+def _run(name: str, *, data: Path, budget_s: float, capacity_s: float | None) -> dict[str, Any]:
     """Plan an area: the costs and the coverage of both routes."""
-    area, begin = read_area(task.data, task.name, task.capacity_s), time.process_time()
+    area, begin = read_area(data, name, capacity_s), time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
-        site, home_m = site_of(area, Path(scratch), task.capacity_s)
-        plan = planned(site, task.name, task.budget_s)
+        site, home_m = site_of(area, Path(scratch), capacity_s)
+        plan = planned(site, name, budget_s)
     flights = compile_sorties(site, plan.chosen.route, autopilot=site.scenario.vehicle.autopilot)
     routes_m = [_closed(site, flight.route.waypoints_m) + (home_m - home_en_m(site)) for flight in flights]
     costs, free = [cost_s(route_m) for route_m in routes_m], area.outline.buffer(2.0 * _LEEWAY_M)
@@ -283,8 +256,8 @@ def plan_areas(
     folder: KeptRuns, names: Sequence[str], *, data: Path, budget_s: float, capacity_s: float | None, processes: int
 ) -> Iterator[str]:
     """Plan areas side by side; the name of each that is done."""
-    tasks = [_AreaTask(data, name, budget_s, capacity_s) for name in names]
-    return plan_each(folder, _run, tasks, processes=processes)
+    plan = functools.partial(_run, data=data, budget_s=budget_s, capacity_s=capacity_s)
+    return kept(folder, plan, names, processes=processes)
 
 
 def table_lines(folder: KeptRuns) -> list[str]:

@@ -5,6 +5,7 @@ tours are those of github.com/leizy1008/MA-CETSP, in ``solutions``, and the uppe
 seen from anywhere on a tour, here only from its waypoints: that is never easier, so each tour is one of the published problem.
 """
 
+import functools
 import gzip
 import json
 import math
@@ -25,10 +26,9 @@ from uavcover.extras.benchmarks.areas import (
     earth_from_metres,
     flat_site,
     home_en_m,
-    plan_each,
     planned,
 )
-from uavcover.extras.benchmarks.runs import KeptRuns
+from uavcover.extras.benchmarks.runs import KeptRuns, kept
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.site import Site
 
@@ -46,6 +46,9 @@ class Instance:
     centres: FloatArray  # (n, 2) of the discs
     radius: float  # of all discs
     best_known: float  # length of the best known tour
+
+    def __str__(self) -> str:
+        return self.name
 
     def unseen(self, places: FloatArray) -> int:
         """Discs that none of (m, 2) places lies in."""
@@ -152,22 +155,12 @@ def site_of(instance: Instance, folder: Path) -> Site:
     return replace(site, targets_m=moved + home_en_m(site), scenario=replace(site.scenario, vehicle=vehicle))
 
 
-@dataclass(frozen=True, slots=True)
-class _Task:
-    instance: Instance
-    budget_s: float
-
-    @property
-    def name(self) -> str:
-        return self.instance.name
-
-
-def _run(task: _Task) -> dict[str, Any]:
+def _run(instance: Instance, *, budget_s: float) -> dict[str, Any]:
     """Plan an instance: the length of the tour and the number of discs that it does not see."""
-    instance, begin = task.instance, time.process_time()
+    begin = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         site = site_of(instance, Path(scratch))
-        plan = planned(site, task.name, task.budget_s)
+        plan = planned(site, instance.name, budget_s)
     places = (plan.chosen.route.waypoints_m[:, :2] - home_en_m(site)) * (instance.radius / _RADIUS_M) + instance.home
     return {
         "discs": len(instance.centres), "length": tour_length(np.vstack([instance.home, places])),
@@ -178,9 +171,9 @@ def _run(task: _Task) -> dict[str, Any]:
 
 def plan_instances(
     folder: KeptRuns, instances: Sequence[Instance], *, budget_s: float, processes: int
-) -> Iterator[str]:
-    """Plan instances side by side; the name of each that is done."""
-    return plan_each(folder, _run, [_Task(instance, budget_s) for instance in instances], processes=processes)
+) -> Iterator[Instance]:
+    """Plan instances side by side; each that is done."""
+    return kept(folder, functools.partial(_run, budget_s=budget_s), instances, processes=processes)
 
 
 def table_lines(folder: KeptRuns) -> list[str]:

@@ -88,7 +88,7 @@ def bench_coverage(
             times_s=times_s,
             equal_evaluations=each.equal_evaluations,
         )
-        missing = [run for run in wanted if not folder.has(run.key)]
+        missing = [run for run in wanted if not folder.has(str(run))]
         console.say(f"runs: {len(wanted)}; already in {out}: {len(wanted) - len(missing)}")
         whole_s, done_s, begin = sum(run.guessed_s for run in missing), 0.0, time.monotonic()
         try:
@@ -97,7 +97,7 @@ def bench_coverage(
                 for done, run in enumerate(made, start=1):
                     done_s += run.guessed_s
                     left_min = (whole_s / done_s - 1.0) * (time.monotonic() - begin) / 60.0
-                    bar.update(done, note=f"{done} of {len(missing)}, about {left_min:.0f} min left, last {run.key}")
+                    bar.update(done, note=f"{done} of {len(missing)}, about {left_min:.0f} min left, last {run}")
         except KeyboardInterrupt:
             write_results(folder, command=_command(scenarios, algorithms, each))
             console.warn(f"stopped; completed runs and their table are in {out}; run the command again to continue")
@@ -112,13 +112,13 @@ def _given(out: Path | None, example: str) -> Path:
     return out
 
 
-def _show(console: "Console", what: str, made: Iterable[str], total: int) -> None:
+def _show(console: "Console", what: str, made: Iterable[object], total: int) -> None:
     with console.progress(what, total=total) as bar:
         for done, name in enumerate(made, start=1):
             bar.update(done, note=f"{done} of {total}, last {name}")
 
 
-def _follow(console: "Console", what: str, made: Iterable[str], total: int, *, kept_in: Path) -> None:
+def _follow(console: "Console", what: str, made: Iterable[object], total: int, *, kept_in: Path) -> None:
     """Show each that is made; if the user stops it, say how to continue."""
     try:
         _show(console, what, made, total)
@@ -267,7 +267,7 @@ def bench_cetsp(
     folder = KeptRuns(out, {"benchmark": "cetsp", "budget_s": budget_s})
     cores = processes or available_cores()
 
-    def plan(missing: list[str]) -> Iterator[str]:
+    def plan(missing: list[str]) -> Iterator[object]:
         return plan_instances(folder, [instances[name] for name in missing], budget_s=budget_s, processes=cores)
 
     return _compare(console, folder, "instances", chosen, table_lines, summary, plan=plan)
@@ -276,7 +276,7 @@ def bench_cetsp(
 def _compare(
     console: "Console", folder: "KeptRuns", what: str, chosen: list[str],
     table_lines: "Callable[[KeptRuns], list[str]]", summary: "Callable[[KeptRuns], str]", *,
-    plan: Callable[[list[str]], Iterator[str]],
+    plan: Callable[[list[str]], Iterator[object]],
 ) -> int:  # fmt: skip
     from uavcover.run.folder import write_text
 
@@ -353,7 +353,7 @@ def bench_mmf(
         wanted = len(chosen_functions) * len(chosen_algorithms) * runs
         console.say(f"runs: {wanted}; already in {out}: {wanted - len(missing)}")
         made = make_runs(folder, missing, budget, processes=processes, scheduler=scheduler)
-        _follow(console, "runs", map(str, made), len(missing), kept_in=out)
+        _follow(console, "runs", made, len(missing), kept_in=out)
         files = write_results(folder, budget)
     return _said(console, files, runs=wanted, made=len(missing))
 
@@ -390,12 +390,12 @@ def bench_paper(
     folder = KeptRuns(out, {"population": population, "iterations": iterations})
     with folder.reserved():
         wanted = paper_runs(chosen, runs)
-        missing = [run for run in wanted if not folder.has(run.key)]
+        missing = [run for run in wanted if not folder.has(str(run))]
         console.say(f"runs: {len(wanted)}; already in {out}: {len(wanted) - len(missing)}")
         made = make_runs(
             folder, missing, population=population, iterations=iterations, processes=processes or available_cores()
         )
-        _follow(console, "runs", (run.key for run in made), len(missing), kept_in=out)
+        _follow(console, "runs", made, len(missing), kept_in=out)
         files = write_results(folder)
     return _said(console, files, runs=len(wanted), made=len(missing))
 

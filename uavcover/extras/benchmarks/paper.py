@@ -5,6 +5,7 @@ printed. Ours are beside them, as Markdown and CSV. Figures 7 to 11 show the ter
 """
 
 import dataclasses
+import functools
 import math
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from uavcover.extras.benchmarks.runs import KeptRuns, completed, csv_text, drawn, markdown, write_texts
+from uavcover.extras.benchmarks.runs import KeptRuns, csv_text, drawn, kept, markdown, write_texts
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import RouteMember
 from uavcover.model.scenario import PlannerAlgorithm
@@ -97,8 +98,7 @@ class PaperRun:
     algorithm: PlannerAlgorithm
     number: int
 
-    @property
-    def key(self) -> str:
+    def __str__(self) -> str:
         """Key of its file."""
         return f"{self.reading}/{self.algorithm}/{self.number}"
 
@@ -130,41 +130,22 @@ def paper_runs(readings: Collection[str], runs: int) -> list[PaperRun]:
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class _PaperTask:
-    run: PaperRun
-    population: int
-    iterations: int
-
-    def __str__(self) -> str:
-        return self.run.key
-
-
 def make_runs(
     folder: KeptRuns, runs: Sequence[PaperRun], *, population: int, iterations: int, processes: int
 ) -> Iterator[PaperRun]:
-    """Make the runs and yield each once it is in the folder.
-
-    The result does not depend on the number of processes.
-
-    Raises:
-        UavcoverError: a process was killed, or a run failed; what is done is kept.
-    """
-    tasks = [_PaperTask(run, population, iterations) for run in runs]
-    for task, document in completed(_make, tasks, processes=processes):
-        folder.write(task.run.key, document)
-        yield task.run
+    """Make the runs and yield each once it is in the folder; errors as of :func:`kept`."""
+    make = functools.partial(_make, population=population, iterations=iterations)
+    return kept(folder, make, runs, processes=processes)
 
 
-def _make(task: _PaperTask) -> dict[str, Any]:
-    run = task.run
+def _make(run: PaperRun, *, population: int, iterations: int) -> dict[str, Any]:
     site = READINGS[run.reading].site()
     settings = dataclasses.replace(
         site.scenario.planner,
         algorithm=run.algorithm,
         seed=run.number,
-        population_size=task.population,
-        evaluations=task.population * task.iterations,
+        population_size=population,
+        evaluations=population * iterations,
     )
     effort = Effort(settings.evaluations, None, time.process_time)
     plan = plan_routes(site, settings=settings, select_rule=RULE, effort=effort)
@@ -180,7 +161,7 @@ def _member(member: RouteMember) -> dict[str, object]:
 
 def read_result(folder: KeptRuns, run: PaperRun) -> PaperResult:
     """A run that is done. Raises InputError: its file cannot be read."""
-    document = folder.read(run.key)
+    document = folder.read(str(run))
     members = document["members"]
     return PaperResult(
         front=tuple(
@@ -420,7 +401,7 @@ def read_results(folder: KeptRuns) -> Results:
     found: dict[tuple[str, str], list[PaperResult]] = {}
     done = set(folder.done())
     for run in paper_runs(READINGS, 1000):
-        if run.key in done:
+        if str(run) in done:
             found.setdefault((run.reading, run.algorithm), []).append(read_result(folder, run))
     return found
 

@@ -244,6 +244,26 @@ class KeptRuns:
         return _document(self.file(key))
 
 
+def kept(
+    folder: KeptRuns,
+    make: Callable[[Task], dict[str, Any]],
+    runs: Sequence[Task],
+    *,
+    processes: int | None,
+    scheduler: str | None = None,
+) -> Iterator[Task]:
+    """Make runs side by side, and yield each once it is in the folder under its text as a key.
+
+    Arguments are those of :func:`completed_by`; what a run comes to does not depend on the workers.
+
+    Raises:
+        UavcoverError: a process was killed, or a run failed; what is done is kept.
+    """
+    for run, document in completed_by(scheduler, make, runs, processes=processes):
+        folder.write(str(run), document)
+        yield run
+
+
 def _document(path: Path) -> dict[str, Any]:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))

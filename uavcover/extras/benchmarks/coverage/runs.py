@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from uavcover.errors import InfeasibleError
 from uavcover.extras.benchmarks.coverage.judging import CASES, Case, Judge, moment_document
-from uavcover.extras.benchmarks.runs import KeptRuns, completed_by
+from uavcover.extras.benchmarks.runs import KeptRuns, kept
 from uavcover.model.route import Route
 from uavcover.model.scenario import InitialRoute, PlannerAlgorithm
 from uavcover.planner.baselines.boustrophedon import (
@@ -311,8 +311,7 @@ class CoverageRun:
     effort: str  # "once", "evaluations", or seconds of processor time as "10s"
     number: int  # from 1; the seed
 
-    @property
-    def key(self) -> str:
+    def __str__(self) -> str:
         """Key of its file."""
         return f"{self.scenario}/{self.algorithm}/{self.effort}/{self.number}"
 
@@ -367,15 +366,6 @@ def wanted_runs(
     return runs
 
 
-@dataclass(frozen=True, slots=True)
-class _CoverageTask:
-    run: CoverageRun
-    times_s: tuple[float, ...]
-
-    def __str__(self) -> str:
-        return self.run.key
-
-
 def make_runs(
     folder: KeptRuns,
     runs: Sequence[CoverageRun],
@@ -384,22 +374,15 @@ def make_runs(
     processes: int | None,
     scheduler: str | None = None,
 ) -> Iterator[CoverageRun]:
-    """Make the runs and yield each once it is in the folder.
-
-    Raises:
-        UavcoverError: a process was killed, or a run failed; what is done is kept.
-    """
-    tasks = [_CoverageTask(run, tuple(sorted(times_s))) for run in runs]
-    for task, document in completed_by(scheduler, _made, tasks, processes=processes):
-        folder.write(task.run.key, document)
-        yield task.run
+    """Make the runs and yield each once it is in the folder; errors as of :func:`kept`."""
+    make = functools.partial(_made, times_s=tuple(sorted(times_s)))
+    return kept(folder, make, runs, processes=processes, scheduler=scheduler)
 
 
-def _made(task: _CoverageTask) -> dict[str, Any]:
-    run = task.run
+def _made(run: CoverageRun, *, times_s: tuple[float, ...]) -> dict[str, Any]:
     judge = _judge(run.scenario)
     construct = CONSTRUCTIONS.get(run.algorithm)
-    found = _planned(judge, run, task.times_s) if construct is None else construct(judge)
+    found = _planned(judge, run, times_s) if construct is None else construct(judge)
     judged = [judge.moment(at_s, routes) for at_s, routes in sorted(found.moments.items())]
     _, chosen = judged[-1]
     return {

@@ -6,9 +6,10 @@ suite's indicators in decision space: plain distances, no normalisation.
 """
 
 import csv
+import functools
 import inspect
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
@@ -243,15 +244,6 @@ def _header(n: int, m: int) -> list[str]:
     return [f"x{i + 1}" for i in range(n)] + [f"f{i + 1}" for i in range(m)]
 
 
-@dataclass(frozen=True, slots=True)
-class _MmfTask:
-    run: RunId
-    budget: Budget
-
-    def __str__(self) -> str:
-        return str(self.run)
-
-
 def missing_runs(
     folder: MmfFolder, *, functions: Collection[str], algorithms: Collection[str], runs: int
 ) -> list[RunId]:
@@ -268,7 +260,7 @@ def missing_runs(
 
 def make_runs(
     folder: MmfFolder,
-    runs: Collection[RunId],
+    runs: Sequence[RunId],
     budget: Budget,
     *,
     processes: int | None,
@@ -281,14 +273,14 @@ def make_runs(
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.
     """
-    tasks = [_MmfTask(run, budget) for run in runs]
-    for task, (x, objectives) in completed_by(scheduler, _made, tasks, processes=processes):
-        folder.write(task.run, x, objectives)
-        yield task.run
+    make = functools.partial(_made, budget=budget)
+    for run, (x, objectives) in completed_by(scheduler, make, runs, processes=processes):
+        folder.write(run, x, objectives)
+        yield run
 
 
-def _made(task: _MmfTask) -> tuple[FloatArray, FloatArray]:
-    return solve(PROBLEMS[task.run.function], task.run.algorithm, seed=task.run.number, budget=task.budget)
+def _made(run: RunId, *, budget: Budget) -> tuple[FloatArray, FloatArray]:
+    return solve(PROBLEMS[run.function], run.algorithm, seed=run.number, budget=budget)
 
 
 CONSTANT_VARIABLES = {"MMF10": (1,), "MMF11": (1,), "MMF12": (1,), "MMF14": (2,), "MMF15": (2,)}
