@@ -32,11 +32,11 @@ def test_no_cell_counts_that_a_planner_may_have_looked_at() -> None:
 def test_coverage_is_that_of_the_cells_that_count() -> None:
     hold_out = HoldOut(make_site(hills))
     seen = hold_out.coverage.seen(LINE)
-    weight = hold_out.coverage.grid.weight_m2
-    by_hand = sum(w for w, s, h in zip(weight, seen, hold_out.held_out, strict=True) if s and h)
-    by_hand /= sum(w for w, h in zip(weight, hold_out.held_out, strict=True) if h)
-    assert hold_out.coverage_fraction(LINE) == pytest.approx(by_hand)
-    assert hold_out.coverage_of_coverable(LINE) >= hold_out.coverage_fraction(LINE) > 0.1
+    weight, counts = hold_out.coverage.grid.weight_m2, hold_out.held_out & hold_out.coverage.coverable
+    by_hand = sum(w for w, s, c in zip(weight, seen, counts, strict=True) if s and c)
+    by_hand /= sum(w for w, c in zip(weight, counts, strict=True) if c)
+    assert hold_out.coverage_of_coverable(LINE) == pytest.approx(by_hand)
+    assert by_hand > 0.1
 
 
 def test_lines_of_sight_are_rays_whatever_the_scenario_says() -> None:
@@ -47,7 +47,7 @@ def test_lines_of_sight_are_rays_whatever_the_scenario_says() -> None:
         return np.where((east > 130.0) & (east < 150.0), 60.0, 0.0) + 0.0 * north
 
     eyes = np.array([[60.0, 100.0, 45.0]])
-    shares = [HoldOut(make_site(wall, sensor=ball(kind))).coverage_fraction(eyes) for kind in ("ray", "midpoint")]
+    shares = [HoldOut(make_site(wall, sensor=ball(kind))).coverage_of_coverable(eyes) for kind in ("ray", "midpoint")]
     assert shares[0] == shares[1] > 0.0
     limits = {"ray": CoverageMap(make_site(wall, sensor=ball("ray")), cell_size_m=5.0)}
     limits["midpoint"] = CoverageMap(make_site(wall, sensor=ball("midpoint")), cell_size_m=5.0)

@@ -60,9 +60,7 @@ class TestCompared:
 class TestFriedman:
     def test_as_scipy(self) -> None:
         values = np.random.default_rng(1).random((8, 4))
-        told = friedman(values, better="less")
-        expected = stats.friedmanchisquare(*values.T)
-        assert (told.statistic, told.p) == pytest.approx((expected.statistic, expected.pvalue))
+        assert friedman(values, better="less").p == pytest.approx(stats.friedmanchisquare(*values.T).pvalue)
 
     def test_more_is_better_turns_the_ranks(self) -> None:
         values = [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]

@@ -362,7 +362,7 @@ def test_what_may_stay_unseen_is_what_saves_most():
         np.array([6.0, 9.0, 1.5, 8.0]),
         np.array([1.0, 3.0, 1.0, 1.0]),
     )
-    ground = PricedGround(prices, dearest, weight, 2.0, np.zeros((1, 1)), 1.0)
+    ground = PricedGround(prices, dearest, weight, 2.0)
     assert ground.least_length_m(1.0) == pytest.approx(19.0)
     # Of 6 square metres one and a half may stay unseen: all of the fourth cell, and the dearest half of the first.
     assert ground.least_length_m(0.75) == pytest.approx(19.0 - 6.0 - 3.0)

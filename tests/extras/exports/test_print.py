@@ -12,7 +12,7 @@ import pytest
 from tests.missions.test_sorties import there_and_back
 from tests.planner.sites import flat, hills, make_site
 from tests.report.browser import chromium_or_skip
-from uavcover.extras.exports.print_page import MAP_HEIGHT, MAP_WIDTH, PrintNotes, clock, place_text, render_print
+from uavcover.extras.exports.print_page import MAP_HEIGHT, MAP_WIDTH, clock, place_text, render_print
 from uavcover.missions.flights import compile_sorties
 from uavcover.missions.mission_compiler import Sortie
 from uavcover.model.limits import NoFly
@@ -50,9 +50,14 @@ class Elements(HTMLParser):
         self.text += data
 
 
-def page_of(site: Site, flights: tuple[Sortie, ...], notes: PrintNotes | None = None) -> str:
+def page_of(site: Site, flights: tuple[Sortie, ...], **notes: str) -> str:
     return render_print(
-        site, flights, notes=notes or PrintNotes(), autopilot="ardupilot", coverage=0.984, plan_sha256="ab" * 32
+        site,
+        flights,
+        notes={"pilot": "", "contact": "", "weather": "", **notes},
+        autopilot="ardupilot",
+        coverage=0.984,
+        plan_sha256="ab" * 32,
     )
 
 
@@ -153,7 +158,7 @@ def test_what_people_write_is_text() -> None:
     scenario = dataclasses.replace(site.scenario, name=HOSTILE, description=HOSTILE)
     site = dataclasses.replace(site, scenario=scenario, zones=zones)
     flights = compile_sorties(make_site(flat), there_and_back(site, lines=2), autopilot="px4")
-    page = page_of(site, flights, PrintNotes(pilot=HOSTILE, contact=HOSTILE, weather=HOSTILE))
+    page = page_of(site, flights, pilot=HOSTILE, contact=HOSTILE, weather=HOSTILE)
     elements = Elements(page)
     assert "script" not in {tag for tag, _ in elements.found}
     assert "b" not in {tag for tag, _ in elements.found}
@@ -166,7 +171,7 @@ def test_empty_notes_are_lines_to_fill_in() -> None:
     site = make_site(flat)
     flights = compile_sorties(site, there_and_back(site), autopilot="ardupilot")
     count = page_of(site, flights).count('class="line"')
-    assert page_of(site, flights, PrintNotes(contact="112")).count('class="line"') == count - 1
+    assert page_of(site, flights, contact="112").count('class="line"') == count - 1
 
 
 @pytest.mark.parametrize(

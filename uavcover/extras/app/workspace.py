@@ -115,7 +115,6 @@ ELEVATION = frozenset({".tif", ".tiff", ".vrt", ".hgt", ".asc", ".dt2", ".dt1"})
 AREAS = frozenset(
     {".kml", ".kmz", ".geojson", ".json", ".gpkg", ".shp", ".gpx", ".poly", ".wkt", ".csv", ".plan", ".zip", ".fgb"}
 )
-TRACKS = frozenset({".bin", ".tlog", ".ulg", ".rrd", ".gpx", ".csv"})
 PHOTOS = "photos"
 """Folder inside a run folder that its photos are kept in."""
 _FIRST = ("plan.json", "photos.json")

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -174,8 +174,9 @@ def bench_link(
     mission_io over UDP and MAVSDK over UDP. You can stop the benchmark at any time and repeat the command to continue.
     Results: outcomes.csv with every transfer, link.csv and link.md.
     """
-    from uavcover.extras.benchmarks.link.peers import CLIENTS, cells_of, csv_lines, markdown
+    from uavcover.extras.benchmarks.link.peers import CLIENTS, Cell, cells_of, markdown
     from uavcover.extras.benchmarks.link.runs import read_outcomes, run_missing, trials
+    from uavcover.extras.benchmarks.runs import csv_text
     from uavcover.run.folder import write_text
 
     console = output.console()
@@ -194,7 +195,7 @@ def bench_link(
     made = (each.trial for each in run_missing(out, wanted, at_a_time=at_a_time))
     _follow(console, "transfers", (f"{trial.client} {trial.loss:.0%}" for trial in made), missing, kept_in=out)
     cells = cells_of(read_outcomes(out))
-    write_text(out / "link.csv", "\n".join(csv_lines(cells)) + "\n")
+    write_text(out / "link.csv", csv_text([field.name for field in fields(Cell)], map(astuple, cells)))
     write_text(out / "link.md", markdown(cells) + "\n")
     for line in markdown(cells).splitlines():
         console.say(line)

@@ -209,13 +209,8 @@ CHOICES: Final = MappingProxyType[str, Callable[[Sequence[PaperResult]], Scheme]
 """Ways to choose one scheme: by the paper's weights, or by its number of nodes."""
 
 
-@dataclass(frozen=True, slots=True)
-class TableRow:
-    """A row of Table 5: mean and standard deviation (of a sample; NaN for one run) over the runs."""
-
-    mean: Figures
-    std: Figures
-    runs: int
+TableRow = tuple[Figures, Figures]
+"""A row of Table 5: mean and standard deviation (of a sample; NaN for one run) over the runs."""
 
 
 def row(results: Sequence[PaperResult], choice: str) -> TableRow:
@@ -223,13 +218,13 @@ def row(results: Sequence[PaperResult], choice: str) -> TableRow:
     chosen = [CHOICES[choice]([result]).figures for result in results]
     values = np.array([[c.coverage, c.nodes, c.length] for c in chosen])
     std = values.std(axis=0, ddof=1) if len(values) > 1 else np.full(3, math.nan)
-    return TableRow(Figures(*values.mean(axis=0).tolist()), Figures(*std.tolist()), len(values))
+    return Figures(*values.mean(axis=0).tolist()), Figures(*std.tolist())
 
 
 def misfit(rows: Mapping[str, TableRow]) -> float:
     """Distance of both algorithms' rows from Table 5: root mean square of the six means' relative deviations."""
     deviations = [
-        getattr(rows[algorithm].mean, name) / getattr(mean, name) - 1.0
+        getattr(rows[algorithm][0], name) / getattr(mean, name) - 1.0
         for algorithm, (mean, _) in TABLE_5.items()
         for name in ("coverage", "nodes", "length")
     ]
@@ -284,7 +279,7 @@ def tables_markdown(results: Results, *, population: int, iterations: int, versi
 
 
 def _table_5(results: Results, choice: str) -> str:
-    lines = [["paper", algorithm, *_spread(TableRow(mean, std, 5)), ""] for algorithm, (mean, std) in TABLE_5.items()]
+    lines = [["paper", algorithm, *_spread(row), ""] for algorithm, row in TABLE_5.items()]
     for reading in readings_done(results):
         rows: dict[str, TableRow] = {algorithm: row(results[reading, algorithm], choice) for algorithm in ALGORITHMS}
         fit = f"{misfit(rows):.3f}"
@@ -307,8 +302,8 @@ def _fits(results: Results) -> str:
             rows: dict[str, TableRow] = {
                 algorithm: row(results[reading, algorithm], choice) for algorithm in ALGORITHMS
             }
-            gaps = [100.0 * (rows[name].mean.coverage - TABLE_5[name][0].coverage) for name in ALGORITHMS]
-            gain = 100.0 * (rows["imodbo"].mean.coverage - rows["modbo"].mean.coverage)
+            gaps = [100.0 * (rows[name][0].coverage - TABLE_5[name][0].coverage) for name in ALGORITHMS]
+            gain = 100.0 * (rows["imodbo"][0].coverage - rows["modbo"][0].coverage)
             fit = misfit(rows)
             cells = [reading, choice, f"{fit:.3f}", *(f"{gap:+.1f}" for gap in gaps), f"{gain:+.1f}"]
             found.append((fit, cells))
@@ -318,7 +313,7 @@ def _fits(results: Results) -> str:
 
 
 def _spread(row: TableRow) -> Sequence[str]:
-    mean, std = row.mean, row.std
+    mean, std = row
     return (
         f"{100 * mean.coverage:.2f} ± {100 * std.coverage:.2f}",
         f"{mean.length:.2f} ± {std.length:.2f}",

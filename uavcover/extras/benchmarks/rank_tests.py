@@ -81,8 +81,7 @@ class FriedmanRanks:
     """Mean ranks of contenders over several problems."""
 
     ranks: FloatArray  # ``(k,)`` mean rank of each, 1 is best
-    statistic: float  # Friedman's chi-square; NaN for fewer than 3 contenders
-    p: float  # that all contenders are equal; NaN for fewer than 3 contenders
+    p: float  # of Friedman's chi-square, that all contenders are equal; NaN for fewer than 3 contenders
 
 
 def friedman(values: ArrayLike, *, better: Literal["less", "more"]) -> FriedmanRanks:
@@ -94,6 +93,5 @@ def friedman(values: ArrayLike, *, better: Literal["less", "more"]) -> FriedmanR
     table = np.asarray(values, float) * (1.0 if better == "less" else -1.0)
     ranks = stats.rankdata(table, axis=1).mean(axis=0)
     if table.shape[1] < 3 or len(table) < 2:
-        return FriedmanRanks(ranks, float("nan"), float("nan"))
-    statistic, p = stats.friedmanchisquare(*table.T)
-    return FriedmanRanks(ranks, float(statistic), float(p))
+        return FriedmanRanks(ranks, float("nan"))
+    return FriedmanRanks(ranks, float(stats.friedmanchisquare(*table.T).pvalue))

@@ -63,10 +63,6 @@ class PricedGround:
     dearest_m: FloatArray  # (cells,) the price if all of a cell cost as much as its most expensive point
     weight_m2: FloatArray  # (cells,) ground in each of them
     first_look_m: float  # what is seen at any one place is worth at most this
-    # (rows, columns) what a metre gained at most in each square of the lattice before the prices were divided; near 1
-    # where ground is seen as fast as anywhere, near 0 where length is wasted
-    rates: FloatArray
-    side_m: float  # of the squares
 
     def least_length_m(self, share: float) -> float:
         """Lower bound in metres on paths that cover a share of the ground: the view is worth its length and one look.
@@ -129,13 +125,13 @@ def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGr
             break
         program.look_at(where, _overhead(program, where, rates[worst]))
         program.solve()
-    rates, largest = _rates(relief, program, 1, (0, 0))
+    _, largest = _rates(relief, program, 1, (0, 0))
     divisor = program.of_cells(largest) * (1.0 + 1e-9)
     # Ground that no place gains has no price.
     by = np.divide(1.0, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
     prices_m, dearest_m = program.worth_m()
     look_m = _first_look_m(relief, program, by)
-    return PricedGround(prices_m * by, dearest_m * by, program.weight_m2, look_m, rates, relief.side)
+    return PricedGround(prices_m * by, dearest_m * by, program.weight_m2, look_m)
 
 
 def coverable_weight_m2(coverage: CoverageMap) -> FloatArray:

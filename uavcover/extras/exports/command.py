@@ -1,7 +1,7 @@
 """``uavcover export``: the chosen route of a run as files for other software."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -42,12 +42,6 @@ class ControllerOptions:
         ),
     ] = None
 
-    @property
-    def given(self) -> dict[str, object]:
-        """The options by their names."""
-        heights = None if self.heights == "takeoff" else self.heights
-        return {"--drone": self.drone, "--heights": heights, "--max-waypoints-per-file": self.most_points}
-
 
 @dataclass(frozen=True, slots=True)
 class PrintOptions:
@@ -56,11 +50,6 @@ class PrintOptions:
     pilot: Annotated[str, option("Name of the pilot on the printed page.", "TEXT")] = ""
     contact: Annotated[str, option("Emergency contact on the printed page.", "TEXT")] = ""
     weather: Annotated[str, option("Weather window on the printed page.", "TEXT")] = ""
-
-    @property
-    def given(self) -> dict[str, object]:
-        """The options by their names."""
-        return {"--pilot": self.pilot or None, "--contact": self.contact or None, "--weather": self.weather or None}
 
 
 def export(
@@ -109,9 +98,9 @@ def export(
     )  # fmt: skip
     if file_format == "print":
         return _print(console, RunFolder(run), request, paper)
-    for name, value in paper.given.items():
-        if value is not None:
-            raise InputError(f"{name}: this option requires --format print, not {file_format}")
+    for name, value in asdict(paper).items():
+        if value:
+            raise InputError(f"--{name}: this option requires --format print, not {file_format}")
     written = export_mission(RunFolder(run), request)
     what = "points" if file_format in CONTROLLER_POINTS else "items"
     for file in written:
@@ -132,15 +121,14 @@ def export(
 
 def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper: PrintOptions) -> int:
     from uavcover.errors import InputError
-    from uavcover.extras.exports.print_page import PrintNotes, print_plan
+    from uavcover.extras.exports.print_page import print_plan
 
     if request.out.suffix.lower() not in (".html", ".htm"):
         raise InputError(
             f"-o: {request.out}: the format print writes an HTML page; use the suffix .html, and save the page as "
             "PDF from a browser"
         )
-    notes = PrintNotes(pilot=paper.pilot, contact=paper.contact, weather=paper.weather)
-    flights = print_plan(run, request, notes)
+    flights = print_plan(run, request, asdict(paper))
     console.say(f"wrote {request.out}")
     console.result({"file": str(request.out), "format": "print", "flights": flights})
     return 0

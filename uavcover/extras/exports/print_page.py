@@ -1,8 +1,7 @@
 """A plan on paper: one HTML page that prints on A4, opens without a network and runs no script."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -259,22 +258,11 @@ def _ticks(low: float, high: float, count: int) -> list[float]:
 _PAGE = Path(__file__).parent
 
 
-@dataclass(frozen=True, slots=True)
-class PrintNotes:
-    """Entries that only the pilot knows.
-
-    An empty one becomes a line to fill in by hand.
-    """
-
-    pilot: str = ""  # who flies
-    contact: str = ""  # whom to call in an emergency
-    weather: str = ""  # the weather window, such as "07:00 to 10:00, wind below 6 m/s"
-
-
-def print_plan(run: RunFolder, request: ExportRequest, notes: PrintNotes) -> int:
+def print_plan(run: RunFolder, request: ExportRequest, notes: Mapping[str, str]) -> int:
     """Write the print-out of a run, of all flights or of one sortie, split as the files that are flown.
 
-    With an aircraft in the request these are the flights of its ``wpml`` files, with stops.
+    With an aircraft in the request these are the flights of its ``wpml`` files, with stops. Notes are what only the pilot knows:
+    ``pilot``, ``contact`` for emergencies and ``weather``; an empty one becomes a line to fill in by hand.
 
     Returns:
         How many flights are on it.
@@ -299,7 +287,7 @@ def print_plan(run: RunFolder, request: ExportRequest, notes: PrintNotes) -> int
 
 
 def render_print(
-    site: Site, flights: Sequence[Sortie], *, notes: PrintNotes, autopilot: AutopilotName, coverage: float,
+    site: Site, flights: Sequence[Sortie], *, notes: Mapping[str, str], autopilot: AutopilotName, coverage: float,
     plan_sha256: str, aircraft: str | None = None,
 ) -> str:  # fmt: skip
     """The page; every text from files and options is escaped."""
@@ -321,7 +309,7 @@ def render_print(
             aircraft=aircraft,
             limits=_limits(site, flights),
             camera=_camera(site),
-            notes={field.name: getattr(notes, field.name) for field in fields(notes)},
+            notes=notes,
             return_height_m=_return_height_m(flights),
             zones_on_return=sorted({name for sortie in flights for name in sortie.compiled.return_advice.no_fly}),
             coverage=coverage,

@@ -80,22 +80,15 @@ class HoldOut:
         sizes = (scenario.area.cell_size_m, scenario.planning_cell_size_m)
         self.held_out: BoolArray = ~np.logical_or.reduce([_is_centre(centres, size) for size in sizes])
 
-    def coverage_fraction(self, route_m: FloatArray) -> float:
-        """Share of the area that an (n, 3) ENU route sees, 0..1, weighted by the ground's surface."""
-        return self._share(self.coverage.seen(route_m), self.held_out)
-
     def coverage_of_coverable(self, route_m: FloatArray) -> float:
         """Share of what can be seen at all from inside the limits that an (n, 3) ENU route sees, 0..1."""
-        return self._share(self.coverage.seen(route_m), self._coverable)
+        weight_m2, counts = self.coverage.grid.weight_m2, self._coverable
+        whole = float(weight_m2[counts].sum())
+        return float(weight_m2[counts & self.coverage.seen(route_m)].sum()) / whole if whole > 0.0 else 0.0
 
     @cached_property
     def _coverable(self) -> BoolArray:
         return self.held_out & self.coverage.coverable
-
-    def _share(self, seen: BoolArray, among: BoolArray) -> float:
-        weight_m2 = self.coverage.grid.weight_m2
-        whole = float(weight_m2[among].sum())
-        return float(weight_m2[among & seen].sum()) / whole if whole > 0.0 else 0.0
 
 
 def _is_centre(places_m: FloatArray, cell_m: float) -> BoolArray:

@@ -40,7 +40,6 @@ CLIENTS: Final = ("simulated", "native", "mavsdk")
 """Ours in simulated time, ours over UDP, MAVSDK's over UDP."""
 
 DIRECTIONS: Final = ("upload", "download")
-LOSSES: Final = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
 ITEMS: Final = 100
 
 
@@ -139,11 +138,6 @@ class Cell:
     median_s: float
     slowest_s: float
 
-    @property
-    def share(self) -> float:
-        """Share of the runs that worked."""
-        return self.correct / self.runs
-
 
 def cells_of(outcomes: Iterable[TransferOutcome]) -> list[Cell]:
     """Every cell, in the order of the table."""
@@ -166,12 +160,6 @@ def _cell(key: tuple[str, str, float, float, str], outcomes: Collection[Transfer
         median_s=statistics.median(times) if times else math.nan,
         slowest_s=times[-1] if times else math.nan,
     )
-
-
-def csv_lines(cells: Iterable[Cell]) -> list[str]:
-    """The cells as CSV, numbers unrounded."""
-    names = list(Cell.__dataclass_fields__)
-    return [",".join(names), *(",".join(str(getattr(cell, name)) for name in names) for cell in cells)]
 
 
 def markdown(cells: Collection[Cell]) -> str:

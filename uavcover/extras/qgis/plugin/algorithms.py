@@ -26,7 +26,6 @@ from .program import PROGRAM
 from .runner import UavcoverError, find_program, run
 
 FORMATS = ["plan", "waypoints", "kml", "geojson", "csv", "gpx", "wpml", "litchi"]
-SUFFIXES = {"wpml": "kmz", "litchi": "csv"}
 
 
 class UavcoverAlgorithm(QgsProcessingAlgorithm):
