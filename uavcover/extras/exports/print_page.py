@@ -24,7 +24,7 @@ from uavcover.run.provenance import sha256_of_content
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
 
-# Drawings of a print-out: a map and a height profile as SVG in black and white, legible without colour.
+# Drawings of a print-out: a map and a height profile in black and white, legible without colour; print.html has their SVG.
 
 MAP_WIDTH, MAP_HEIGHT = 720.0, 520.0
 _COLORS = ("#005a9c", "#b8460e", "#1b7a3d", "#7a2f8f", "#8a6d00", "#00747a")
@@ -32,32 +32,30 @@ _DASHES = ("", "9 3", "2 3", "9 3 2 3", "14 4", "5 2")
 _CONTOUR_NODES = 160
 
 
-def style_of(number: int) -> Markup:
-    """Stroke of a flight, from 0: a colour and, where flights are many, a dash of its own."""
-    color, dash = _COLORS[number % len(_COLORS)], _DASHES[number % len(_DASHES)]
-    return Markup('stroke="{}" stroke-dasharray="{}"').format(color, dash)
-
-
-def map_svg(site: Site, flights: Sequence[Sortie]) -> tuple[Markup, float]:
-    """A map of the flights with area, fence, zones, obstacles and home; and the interval of its contours in metres."""
+def map_drawing(site: Site, flights: Sequence[Sortie]) -> dict[str, Any]:
+    """Paths and positions of a map of the flights with area, fence, zones, obstacles and home, and its contours' interval."""
     view = _View(site, flights)
     contours, interval_m = _contours(site, view)
-    layers = [contours, view.polygon(site.area, "area"), view.outline(site.fence, "fence")]
-    for zone in site.zones:
-        at = zone.outline.representative_point()
-        layers += [view.polygon(zone.outline, "zone"), view.label(at.x, at.y, zone.name, "zone-name")]
-    layers += [view.polygon(prism.footprint.polygon, "obstacle") for prism in site.prisms]
-    for number, sortie in enumerate(flights):
-        layers += [view.line(sortie.compiled.path_m, style_of(number)), *_numbers(view, sortie)]
-    if site.home_m is not None:
-        layers.append(view.home(float(site.home_m[0]), float(site.home_m[1])))
-    layers += [view.scale_bar(), view.north(), *_corners(site, view)]
-    box = Markup('<svg class="map" viewBox="0 0 {:g} {:g}" role="img" aria-label="map">').format(MAP_WIDTH, MAP_HEIGHT)
-    return Markup("\n").join([box, *layers, Markup("</svg>")]), interval_m
+    bar_m = _ticks(0.0, 0.3 * MAP_WIDTH / view.per_m, 1)[-1]
+    return {
+        "width": MAP_WIDTH,
+        "height": MAP_HEIGHT,
+        "contours": contours,
+        "interval_m": interval_m,
+        "area": view.polygon(site.area),
+        "fence": view.outline(site.fence),
+        "zones": [(view.polygon(zone.outline), view.name(zone.outline, zone.name)) for zone in site.zones],
+        "obstacles": [view.polygon(prism.footprint.polygon) for prism in site.prisms],
+        "flights": [(view.line(sortie.compiled.path_m), _numbers(view, sortie)) for sortie in flights],
+        "home": None if site.home_m is None else view.at(float(site.home_m[0]), float(site.home_m[1])),
+        "bar_m": bar_m,
+        "bar_end": 14.0 + bar_m * view.per_m,
+        "corners": _corners(site, view),
+    }
 
 
-def profile_svg(site: Site, sortie: Sortie, number: int) -> Markup:
-    """Ground, height band and path of a flight above sea level, over the distance from home to home."""
+def profile_drawing(site: Site, sortie: Sortie) -> dict[str, Any]:
+    """Ground, height band and path of a flight above sea level, over the distance from home to home, and the axes' labels."""
     compiled, limits = sortie.compiled, site.scenario.limits
     steps_m = np.hypot(*np.diff(compiled.path_m[:, :2], axis=0).T)
     along_m = np.concatenate([[0.0], np.cumsum(steps_m)])
@@ -71,45 +69,23 @@ def profile_svg(site: Site, sortie: Sortie, number: int) -> Markup:
     high = max(float(path_m.max()), float(np.nanmax(ground_m)) + limits.max_height_agl_m)
     high += 0.06 * (high - low)
     scale = Scale(PRINTED, (0.0, max(float(along_m[-1]), 1.0)), (low, max(high, low + 1.0)))
-    left, right = PRINTED.left, PRINTED.width - PRINTED.right
-    top, bottom = PRINTED.top, PRINTED.height - PRINTED.bottom
     known = np.isfinite(ground_m)
     over = at_m[known]
-    ground = ""
-    if known.any():
-        ground = (
-            scale.path(np.concatenate([over[:1], over, over[-1:]]), np.concatenate([[low], ground_m[known], [low]]))
-            + "Z"
-        )
+    outline = np.concatenate([over[:1], over, over[-1:]]), np.concatenate([[low], ground_m[known], [low]])
     begin_m, end_m = along_m[_planned_rows(sortie)]
     on_survey = known & (at_m >= begin_m) & (at_m <= end_m)
-    layers = [
-        Markup('<svg class="profile" viewBox="0 0 {:g} {:g}" role="img" aria-label="height profile">').format(
-            PRINTED.width, PRINTED.height
-        ),
-        Markup('<path class="ground" d="{}"/>').format(ground),
-        *(
-            Markup('<path class="band" d="{}"/>').format(scale.path(at_m[on_survey], ground_m[on_survey] + agl_m))
+    return {
+        "frame": PRINTED,
+        "ground": scale.path(*outline) + "Z" if known.any() else "",
+        "band": [
+            scale.path(at_m[on_survey], ground_m[on_survey] + agl_m)
             for agl_m in (limits.min_height_agl_m, limits.max_height_agl_m)
             if on_survey.any()
-        ),
-        Markup('<path fill="none" stroke-width="1.4" {} d="{}"/>').format(
-            style_of(number), scale.path(along_m, path_m)
-        ),
-        Markup('<path class="axis" d="M{0:g} {1:g}V{2:g}H{3:g}"/>').format(left, top, bottom, right),
-    ]
-    height = Markup(
-        '<path class="grid" d="M{0:g} {1:.1f}H{2:g}"/><text x="{3:g}" y="{4:.1f}" text-anchor="end">{5}</text>'
-    )
-    for alt_m, label in nice_ticks(*scale.y_range, about=PRINTED.y_ticks):
-        layers.append(height.format(left, scale.y(alt_m), right, left - 4, scale.y(alt_m) + 3, label))
-    distance = Markup('<text x="{:.1f}" y="{:g}" text-anchor="middle">{}</text>')
-    for distance_m, label in nice_ticks(*scale.x_range, about=PRINTED.x_ticks):
-        layers.append(distance.format(scale.x(distance_m), bottom + 12, label))
-    layers.append(
-        Markup('<text x="{:g}" y="{:g}" text-anchor="end">m from take-off</text>').format(right, PRINTED.height - 3)
-    )
-    return Markup("\n").join([*layers, Markup("</svg>")])
+        ],
+        "path": scale.path(along_m, path_m),
+        "heights": [(scale.y(m), label) for m, label in nice_ticks(*scale.y_range, about=PRINTED.y_ticks)],
+        "distances": [(scale.x(m), label) for m, label in nice_ticks(*scale.x_range, about=PRINTED.x_ticks)],
+    }
 
 
 def _planned_rows(sortie: Sortie) -> list[int]:
@@ -143,72 +119,51 @@ class _View:
     def at(self, east_m: float, north_m: float) -> tuple[float, float]:
         return (east_m - self.west) * self.per_m, (self.north_m - north_m) * self.per_m
 
-    def polygon(self, shape: shapely.geometry.base.BaseGeometry, kind: str) -> Markup:
-        rings: list[str] = []
-        for part in shapely.get_parts(shape.intersection(self._frame)):
-            if isinstance(part, shapely.Polygon):
-                for ring in (part.exterior, *part.interiors):
-                    rings.append(
-                        _path([self.at(*place) for place in shapely.get_coordinates(ring)[:-1].tolist()]) + "Z"
-                    )
-        return Markup('<path class="{}" d="{}"/>').format(kind, " ".join(rings))
+    def polygon(self, shape: shapely.geometry.base.BaseGeometry) -> str:
+        rings = [
+            _path([self.at(*place) for place in shapely.get_coordinates(ring)[:-1].tolist()]) + "Z"
+            for part in shapely.get_parts(shape.intersection(self._frame))
+            if isinstance(part, shapely.Polygon)
+            for ring in (part.exterior, *part.interiors)
+        ]
+        return " ".join(rings)
 
-    def outline(self, shape: shapely.geometry.base.BaseGeometry, kind: str) -> Markup:
+    def outline(self, shape: shapely.geometry.base.BaseGeometry) -> str:
         """The edge of an area inside the map. A polygon cut off at the map's edge would have an edge there too."""
         lines = shapely.get_parts(shape.boundary.intersection(self._frame))
-        paths = [_path([self.at(*place) for place in shapely.get_coordinates(line).tolist()]) for line in lines]
-        return Markup('<path class="{}" d="{}"/>').format(kind, " ".join(paths))
+        return " ".join(_path([self.at(*place) for place in shapely.get_coordinates(line).tolist()]) for line in lines)
 
-    def line(self, points_m: FloatArray, style: Markup) -> Markup:
-        places = [self.at(float(east), float(north)) for east, north in points_m[:, :2]]
-        return Markup('<path fill="none" stroke-width="1.5" {} d="{}"/>').format(style, _path(places))
+    def line(self, points_m: FloatArray) -> str:
+        return _path([self.at(float(east), float(north)) for east, north in points_m[:, :2]])
 
-    def label(self, east_m: float, north_m: float, text: str, kind: str) -> Markup:
+    def label(self, east_m: float, north_m: float, text: str) -> tuple[float, float, str] | None:
+        """A text with its position; none outside the map."""
         x, y = self.at(east_m, north_m)
-        inside = 0.0 <= x <= MAP_WIDTH and 0.0 <= y <= MAP_HEIGHT
-        return (
-            Markup('<text class="{}" x="{:.1f}" y="{:.1f}">{}</text>').format(kind, x, y, text)
-            if inside
-            else Markup("")
-        )
+        return (x, y, text) if 0.0 <= x <= MAP_WIDTH and 0.0 <= y <= MAP_HEIGHT else None
 
-    def home(self, east_m: float, north_m: float) -> Markup:
-        x, y = self.at(east_m, north_m)
-        shape = Markup(
-            '<circle class="home" cx="{0:.1f}" cy="{1:.1f}" r="6"/><text class="home-name" x="{0:.1f}" y="{2:.1f}">H</text>'
-        )
-        return shape.format(x, y, y + 3.2)
-
-    def scale_bar(self) -> Markup:
-        length_m = _ticks(0.0, 0.3 * MAP_WIDTH / self.per_m, 1)[-1]
-        end = 14.0 + length_m * self.per_m
-        bar = Markup('<path class="bar" d="M14 {0:g}V{1:g}H{2:.1f}V{0:g}"/><text x="14" y="{3:g}">{4:g} m</text>')
-        return bar.format(MAP_HEIGHT - 16, MAP_HEIGHT - 10, end, MAP_HEIGHT - 20, length_m)
-
-    def north(self) -> Markup:
-        x = MAP_WIDTH - 22.0
-        arrow = Markup('<path class="bar" d="M{0:g} 44V14M{1:g} 22L{0:g} 12L{2:g} 22"/><text x="{3:g}" y="56">N</text>')
-        return arrow.format(x, x - 5, x + 5, x - 4)
+    def name(self, shape: shapely.Polygon | shapely.MultiPolygon, text: str) -> tuple[float, float, str] | None:
+        at = shape.representative_point()
+        return self.label(at.x, at.y, text)
 
 
-def _numbers(view: _View, sortie: Sortie) -> list[Markup]:
+def _numbers(view: _View, sortie: Sortie) -> list[tuple[float, float, str] | None]:
     """Numbers of planned waypoints, thinned, as the plan counts them, from 0."""
     step = max(1, math.ceil(len(sortie.route) / 24))
     return [
-        view.label(float(east), float(north), str(sortie.first + k), "waypoint")
+        view.label(float(east), float(north), str(sortie.first + k))
         for k, (east, north) in enumerate(sortie.route.waypoints_m[:, :2])
         if k % step == 0
     ]
 
 
-def _contours(site: Site, view: _View) -> tuple[Markup, float]:
+def _contours(site: Site, view: _View) -> tuple[str, float]:
     """Lines of equal height above sea level, and the interval between two of them; 0 where there are none."""
     easts = np.linspace(view.west, view.east, _CONTOUR_NODES)
     norths = np.linspace(view.south, view.north_m, _CONTOUR_NODES)
     grid = np.stack(np.meshgrid(easts, norths), axis=-1).reshape(-1, 2)
     up_m = site.ground.heights_m(grid).reshape(_CONTOUR_NODES, _CONTOUR_NODES) + site.alt_amsl_offset_m
     if not np.isfinite(up_m).any() or np.nanmax(up_m) - np.nanmin(up_m) < 1.0:
-        return Markup(""), 0.0
+        return "", 0.0
     levels = _ticks(float(np.nanmin(up_m)), float(np.nanmax(up_m)), 12)
     lines = contourpy.contour_generator(easts, norths, np.ma.masked_invalid(up_m))
     shapes = [
@@ -217,20 +172,16 @@ def _contours(site: Site, view: _View) -> tuple[Markup, float]:
         for line in lines.lines(level)
     ]
     interval_m = levels[1] - levels[0] if len(levels) > 1 else 0.0
-    return Markup('<path class="contour" d="{}"/>').format(" ".join(shapes)), interval_m
+    return " ".join(shapes), interval_m
 
 
-def _corners(site: Site, view: _View) -> list[Markup]:
+def _corners(site: Site, view: _View) -> list[str]:
     """Latitude and longitude of two corners of the map."""
     if site.frame is None:
         return []
     places = np.array([[view.west, view.south, 0.0], [view.east, view.north_m, 0.0]])
     lat, lon, _ = site.frame.geodetic_from_enu(places)
-    text = Markup('<text class="corner" x="{:g}" y="{:g}" text-anchor="{}">{}</text>')
-    return [
-        text.format(14, MAP_HEIGHT - 36, "start", place_text(float(lat[0]), float(lon[0]))),
-        text.format(MAP_WIDTH - 40, 12, "end", place_text(float(lat[1]), float(lon[1]))),
-    ]
+    return [place_text(float(lat[k]), float(lon[k])) for k in range(2)]
 
 
 def place_text(lat_deg: float, lon_deg: float) -> str:
@@ -291,7 +242,6 @@ def render_print(
     plan_sha256: str, aircraft: str | None = None,
 ) -> str:  # fmt: skip
     """The page; every text from files and options is escaped."""
-    drawing, interval_m = map_svg(site, flights)
     style = (_PAGE / "print.css").read_text(encoding="utf-8")
     return plain_lines(
         page_environment(_PAGE)
@@ -300,8 +250,7 @@ def render_print(
             scenario=site.scenario,
             site=site,
             home=_home(site),
-            map=drawing,
-            interval_m=interval_m,
+            map=map_drawing(site, flights),
             flights=[
                 _flight_row(site, number, sortie, autopilot, stops=aircraft is not None)
                 for number, sortie in enumerate(flights)
@@ -333,7 +282,8 @@ def _flight_row(site: Site, number: int, sortie: Sortie, autopilot: AutopilotNam
     home_alt_m = 0.0 if site.home_m is None else float(site.alts_amsl_m(site.home_m)[0])
     return {
         "number": number + 1,
-        "style": style_of(number),
+        "color": _COLORS[number % len(_COLORS)],
+        "dash": _DASHES[number % len(_DASHES)],
         "waypoints": f"{sortie.first} to {sortie.last}",
         "points": len(compiled.path_m),
         "length_m": float(sum(math.dist(a, b) for a, b in zip(compiled.path_m[:-1], compiled.path_m[1:], strict=True))),
@@ -343,7 +293,7 @@ def _flight_row(site: Site, number: int, sortie: Sortie, autopilot: AutopilotNam
         "highest_m": compiled.max_height_above_home_m,
         "highest_amsl_m": compiled.max_height_above_home_m + home_alt_m,
         "unsafe_return": len(compiled.return_advice.unsafe_waypoints),
-        "profile": profile_svg(site, sortie, number),
+        "profile": profile_drawing(site, sortie),
     }
 
 
