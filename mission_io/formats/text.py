@@ -92,7 +92,7 @@ def text_from_bytes(data: bytes) -> FileText:
             return FileText(clean.text, (f"decoded from {encoding.upper()}", *clean.repairs))
     if b"\0" in data:
         where = f"byte {data.index(0)}"
-        raise FormatError("the file has a zero byte, so it is not text", where=where, advice="choose a mission file")
+        raise FormatError("the file has a zero byte, so it is not text", where=where, advice="choose another file")
     try:
         return clean_text(data.decode("utf-8"))
     except UnicodeDecodeError as error:

@@ -147,7 +147,7 @@ DOOR = {
     "a code of the model that is none": (("AREA", "OPTIONS", "--dem-crs", "EPSG:99999999"), "EPSG:99999999"),
     "feature number 0": (("AREA", "OPTIONS", "--feature", "0"), "has no feature"),
     "feature number 99": (("AREA", "OPTIONS", "--feature", "99"), "has no feature"),
-    "a time of flight": (("AREA", "OPTIONS", "--at", "tomorrow"), "write it as 2026-07-01T09:00Z/2h"),
+    "a time of flight": (("AREA", "OPTIONS", "--at", "tomorrow"), "not a valid flight time; write it as 2026-07-01T09"),
     "a time of flight without a zone": (("AREA", "OPTIONS", "--at", "2026-07-01T09:00"), "write it as 2026-07-01T09:00Z/2h"),
     "a flight that lands before it begins": (
         ("AREA", "OPTIONS", "--at", "2026-07-01T09:00Z/2026-07-01T08:00Z"), "the latest landing must be after",

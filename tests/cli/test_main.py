@@ -53,6 +53,7 @@ def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], telling: st
     ("out", "telling"),
     [
         ("", "error: -o: the name is empty; name the folder or file to write"),
+        ("-", "error: -o: standard output is not supported; name the folder or file to write"),
         ("a" * 300, "a: cannot be used (File name too long); check its name and permissions"),
     ],
 )

@@ -11,7 +11,7 @@ from mission_io.formats import plan as plan_format
 from mission_io.formats import wpl
 from mission_io.model.items import Command, Frame, MissionItem, same_item
 from tests.missions.compiled_routes import HOME, amsl, compiled, enu_of, route, sensing_route
-from tests.planner.sites import ORIGIN, flat, hills, make_site, ridge, tower
+from tests.planner.sites import ORIGIN, flat, hills, make_site, ridge, tower, with_scenario
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.missions.flights import export_text
 from uavcover.missions.leg_checks import find_problems
@@ -187,6 +187,8 @@ def test_a_battery_that_the_wind_empties() -> None:
         match=r"uses 77% of a battery in 7 m/s of wind; only .* is usable \(vehicle\.reserve_fraction = 0\.2",
     ):
         compiled(short)
+    with pytest.raises(InfeasibleError, match=r"of a battery in 7 m/s of wind in gusts of 50 m/s; only"):
+        compiled(with_scenario(short, wind=Wind(most_m_s=7.0, gust_m_s=50.0)))
     enough = make_site(vehicle={**calm, "endurance_s": 400.0 * used / 0.8 * 1.06}, wind=Wind(most_m_s=7.0))
     assert compiled(enough).battery_used == pytest.approx(0.8 / 1.06)
     assert compiled(make_site()).battery_used is None

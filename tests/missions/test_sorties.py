@@ -373,5 +373,12 @@ def test_an_area_that_nothing_can_see_is_refused() -> None:
     site = make_site(
         no_fly=(NoFly(polygon_east_north_m=((-90, -90), (400, -90), (400, 300), (-90, 300)), margin_m=30.0),)
     )
-    with pytest.raises(InfeasibleError, match="no part of the area can be observed"):
+    with pytest.raises(InfeasibleError, match="no part of the area can be observed from within"):
         check_reach([site], judging_map(site), 0.98)
+    at_waypoints = dataclasses.replace(site.scenario.sensor, sensing="at-waypoints")
+    wanted = dataclasses.replace(site.scenario.requirements, looks=20, look_distance_m=9.0)
+    often = with_scenario(site, sensor=at_waypoints, requirements=wanted)
+    with pytest.raises(
+        InfeasibleError, match=r"observed 20 times from positions 9 m apart .* check requirements\.looks,"
+    ):
+        check_reach([often], judging_map(site), 0.98)

@@ -284,9 +284,11 @@ def run_app(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     for number in stop_signals():  # all end in as good an order as Ctrl-C
         signal.signal(number, signal.default_int_handler)
     as_json = "--json" in arguments
-    if any(name in {"-o", "--out"} and not value.strip() for name, value in itertools.pairwise(arguments)):
-        # As a path it would be the current folder.
-        return _fail("-o: the name is empty; name the folder or file to write", BAD_USAGE, as_json=as_json)
+    for name, value in itertools.pairwise(arguments):
+        if name in {"-o", "--out"} and value.strip() in {"", "-"}:
+            # As a path the first would be the current folder, the second a file that few programs can name.
+            what = "standard output is not supported" if value.strip() else "the name is empty"
+            return _fail(f"-o: {what}; name the folder or file to write", BAD_USAGE, as_json=as_json)
     try:
         return int(app([_with_sign(argument) for argument in arguments], standalone_mode=False) or 0)
     except _UsageError as error:

@@ -289,6 +289,7 @@ def battery_in_words(site: Site, used_s: float) -> str:
     vehicle, wind = site.scenario.vehicle, site.scenario.wind
     hover_s, strongest_m_s = vehicle.hover_s or math.inf, max(wind.speed_m_s, wind.most_m_s or 0.0)
     blows = f" in {strongest_m_s:g} m/s of wind" if strongest_m_s else ""
+    blows += f" in gusts of {wind.gust_m_s:g} m/s" if wind.gust_m_s else ""
     return (
         f"{used_s / hover_s:.0%} of a battery{blows}; only {usable_s(vehicle) / hover_s:.0%} is usable "
         f"(vehicle.reserve_fraction = {vehicle.reserve_fraction:g}, vehicle.power.uncertainty_fraction = "
@@ -313,9 +314,12 @@ def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | 
     site, coverable = sites[0], coverage.coverable
     weight_m2 = coverage.grid.weight_m2[coverable]
     if not weight_m2.size:
+        wanted = site.scenario.requirements
+        looks = "" if wanted.looks == 1 else f" {wanted.looks} times from positions {wanted.look_distance_m:g} m apart"
+        keys = "" if wanted.looks == 1 else "requirements.looks, requirements.look_distance_m, "
         raise InfeasibleError(
-            "area: no part of the area can be observed from within the fence and the height band; check "
-            "sensor.range_m, the heights in [limits], and the no-fly zones"
+            f"area: no part of the area can be observed{looks} from within the fence and the height band; check "
+            f"{keys}sensor.range_m, the heights in [limits], and the no-fly zones"
         )
     if any(each.home_m is None or each.scenario.vehicle.longest_flight_s is None for each in sites):
         return

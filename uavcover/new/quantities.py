@@ -165,11 +165,12 @@ def flight_window(text: str, *, option: str) -> tuple[str, str]:
             )
         else:
             end = utc_time(last, option)
+    except (ValueError, OverflowError):
+        raise InputError(f"{option}: {text[:40]!r} is not a valid flight time; {advice}") from None
+    try:
         window_of(begin.isoformat(), end.isoformat(), option)
     except ValueError as error:
         raise InputError(f"{error}; {advice}") from None
-    except OverflowError:
-        raise InputError(f"{option}: {text[:40]!r} is not a valid flight time; {advice}") from None
     return f"{begin:%Y-%m-%dT%H:%M:%SZ}", f"{end:%Y-%m-%dT%H:%M:%SZ}"
 
 

@@ -32,6 +32,7 @@ class _Velocity:
     skew_s: float
     lag_window_s: float
     lag_turn_m_s: float
+    lag_overlap: int
     stamp_s: float
     longest_step_s: float
     rounding_m: float
@@ -63,8 +64,6 @@ MOVING_M_S = 1.0
 ROUNDING_S = 1e-6
 FITTED_STEP_S = 0.02
 """Windows nearer to each other tell a fit, or a median, nothing new; limits of motion need all of them."""
-_OVERLAP = 4
-"""Windows of which each begins a fourth of its length after the one before: a fourth of them is independent."""
 _BLOCK = 50_000
 """Windows that are computed or compared at a time, to save memory."""
 
@@ -309,7 +308,7 @@ def position_lag(
         return None
     apart = gaps + np.append(0, np.cumsum(np.diff(time_s) > VELOCITY.longest_step_s))
     reported = _Reported.of(time_s, enu_m, velocity_m_s)
-    begins = np.flatnonzero(np.diff(np.floor(time_s / (VELOCITY.lag_window_s / _OVERLAP)), prepend=-np.inf))
+    begins = np.flatnonzero(np.diff(np.floor(time_s / (VELOCITY.lag_window_s / VELOCITY.lag_overlap)), prepend=-np.inf))
     first, last = _windows(time_s, VELOCITY.lag_window_s, slice(None))
     some = np.isin(first, begins) & (apart[first] == apart[last])
     first, last = first[some], last[some]
@@ -326,7 +325,7 @@ def position_lag(
         weights = np.cumsum(np.abs(change)[order])
         lag_s = float(lags_s[order][int(np.searchsorted(weights, 0.5 * weights[-1]))])
         # The standard error of a median is 1.25 times that of a mean.
-        deviation_s = 1.25 * error_m / float(np.sqrt((change**2).sum() / _OVERLAP))
+        deviation_s = 1.25 * error_m / float(np.sqrt((change**2).sum() / VELOCITY.lag_overlap))
         if abs(lag_s) > VELOCITY.skew_s + VELOCITY.deviations * deviation_s:
             return lag_s, name
     return None
