@@ -87,7 +87,7 @@ def along(route, spacing_m, noses=None):
 
 
 def spacing_m(scenario):
-    """Between two looks along the path: said, or a third of half of what is seen of flat ground, 10 m at most."""
+    """Between two looks along the path: said, or a third (a twelfth of a photo that does not turn) of half of what is seen, 10 m at most."""
     sensor, limits = scenario["sensor"], scenario["limits"]
     if "sample_spacing_m" in sensor:
         return sensor["sample_spacing_m"]
@@ -101,6 +101,7 @@ def spacing_m(scenario):
             half = low * math.tan(math.radians(0.5 * sensor["fov_deg"]))
         case _:
             half = low * math.tan(math.radians(0.5 * min(sensor["fov_across_deg"], sensor["fov_along_deg"])))
+            half /= 4.0 if "heading_deg" in sensor else 1.0
     return min(10.0, half / 3.0)
 
 

@@ -74,6 +74,18 @@ def test_a_swath_counts_in_full(sensor):
     assert share(coverage.seen_by(LevelObservations(flown.places_m, headings))) > ideal - 0.05
 
 
+@pytest.mark.parametrize("turned_deg", [20.0, 45.0, 70.0])
+def test_an_oblique_swath_of_a_fixed_heading_counts_in_full(turned_deg):
+    sensor = 'kind = "frame-camera"\nfov_across_deg = 60.0\nfov_along_deg = 50.0\nrange_m = 90.0\nmount = "stabilised"\nheading_deg = 0.0'
+    site = site_of(sensor, side_m=60.0, cell_m=0.5)
+    along = np.array([np.sin(np.radians(turned_deg)), np.cos(np.radians(turned_deg))])
+    route = np.array([[*(30.0 + t * along), HEIGHT_M] for t in (-80.0, 80.0)])
+    fine = dataclasses.replace(site.scenario, sensor=dataclasses.replace(site.scenario.sensor, sample_spacing_m=0.1))
+    seen, ideal = (CoverageMap(of, cell_size_m=0.5).seen(route).mean() for of in (site, build_site(fine)))
+    assert 0.3 < ideal < 0.7
+    assert 0.98 * ideal < seen <= ideal
+
+
 def test_a_stated_spacing_that_leaves_gaps_is_refused():
     site = site_of(SENSORS["disc of 1.5 m"] + "\nsample_spacing_m = 10.0")
     with pytest.raises(
