@@ -4,11 +4,13 @@ Observations are those of a level vehicle: position and heading. Whether a cell 
 around it.
 """
 
+import itertools
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -266,19 +268,23 @@ class CoverageMap:
         apart_m = wanted.look_distance_m or 0.0
         times = np.zeros(cells.size, dtype=np.int64)
         counted = np.full((cells.size, wanted.looks, 3), np.inf)
-        for place in trial_places(self.site.scenario):
+        for offset_m, places in itertools.groupby(trial_places(self.site.scenario), attrgetter("east_m", "north_m")):
             todo = np.flatnonzero(times < wanted.looks)
             if todo.size == 0:
                 break
-            centres = self.grid.cells.centre_m[cells[todo], :2]
-            eyes = self._allowed_places(centres + np.array([place.east_m, place.north_m]), place.band_share)
-            observations = LevelObservations(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
-            if apart_m > 0.0:
-                near = (np.linalg.norm(counted[todo] - eyes[:, None], axis=2) < apart_m).any(axis=1)
-                eyes[near] = np.nan
-            seen = sees_each(self, observations, cells[todo], self.sight)
-            counted[todo[seen], times[todo[seen]]] = eyes[seen]
-            times[todo[seen]] += 1
+            over = self.grid.cells.centre_m[cells[todo], :2] + np.array(offset_m)
+            low, high = self._allowed_ups_m(over)
+            for place in places:
+                eyes = np.column_stack([over, low + place.band_share * (high - low)])
+                eyes[times[todo] == wanted.looks] = np.nan
+                eyes[waypoint_breaches(self.site.ground, eyes, self.site.scenario.obstacles)[:, 1] > 0.0] = np.nan
+                if apart_m > 0.0:
+                    near = (np.linalg.norm(counted[todo] - eyes[:, None], axis=2) < apart_m).any(axis=1)
+                    eyes[near] = np.nan
+                observations = LevelObservations(eyes, np.tile([place.heading_e, place.heading_n], (todo.size, 1)))
+                seen = sees_each(self, observations, cells[todo], self.sight)
+                counted[todo[seen], times[todo[seen]]] = eyes[seen]
+                times[todo[seen]] += 1
         return np.asarray(times == wanted.looks, dtype=bool)
 
     def asking(self, only: BoolArray) -> "CoverageMap":
@@ -294,8 +300,8 @@ class CoverageMap:
         """
         return SameCells(self, site, coverable=coverable)
 
-    def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
-        """(k, 3) positions at a fraction 0..1 of the allowed band above (k, 2) points; NaN where nothing is allowed."""
+    def _allowed_ups_m(self, east_north_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(k,) lowest and highest up coordinate allowed above (k, 2) points, apart from obstacles; NaN where nothing is allowed."""
         limits = self.site.scenario.limits
         low = self.site.ground.ups_m(east_north_m, limits.min_height_agl_m)
         high = self.site.ground.ups_m(east_north_m, limits.max_height_agl_m)
@@ -306,11 +312,8 @@ class CoverageMap:
             low = np.maximum(low, -np.inf if limits.min_alt_amsl_m is None else limits.min_alt_amsl_m + sea)
             high = np.minimum(high, np.inf if limits.max_alt_amsl_m is None else limits.max_alt_amsl_m + sea)
         inside = shapely.intersects_xy(flyable_area(self.site).polygon, east_north_m[:, 0], east_north_m[:, 1])
-        up = np.where((low <= high) & inside, low + share * (high - low), np.nan)
-        places = np.column_stack([east_north_m, up])
-        too_near = waypoint_breaches(self.site.ground, places, self.site.scenario.obstacles)[:, 1] > 0.0
-        places[too_near, 2] = np.nan
-        return places
+        allowed = (low <= high) & inside
+        return np.where(allowed, low, np.nan), np.where(allowed, high, np.nan)
 
 
 class SameCells(CoverageMap):
