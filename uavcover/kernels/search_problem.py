@@ -216,6 +216,16 @@ def allowed_leg(problem: SearchProblem, p: tuple[float, float, float], q: tuple[
     return bool(low >= limits.lowest_agl_m - _HEIGHT_TOLERANCE_M and high <= limits.highest_agl_m + _HEIGHT_TOLERANCE_M)
 
 
+@allocating_kernel
+def allowed_legs(problem: SearchProblem, legs: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) which of (n, 6) legs, east, north, up of both ends, may be flown between waypoints there."""
+    out = np.empty(legs.shape[0], dtype=np.bool_)
+    for k in range(legs.shape[0]):
+        p, q = (legs[k, 0], legs[k, 1], legs[k, 2]), (legs[k, 3], legs[k, 4], legs[k, 5])
+        out[k] = allowed_place(problem, p) and allowed_place(problem, q) and allowed_leg(problem, p, q)
+    return out
+
+
 @kernel
 def _clear_of_obstacles(problem: SearchProblem, p: tuple[float, float, float], q: tuple[float, float, float]) -> bool:
     """Whether the straight line p-q keeps its clearance from all obstacles."""

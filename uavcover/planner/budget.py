@@ -28,6 +28,7 @@ class Shares:
         bent_lines: lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres all of them take
             6 s of processor time, which a search of 10 s had to wait for.
         late_lines: the lines that were left before the search.
+        mended: after this share no more routes that break limits are mended for the local search.
         judging: set aside for judging what was found, at most; ...
         judging_of_fewest: ... for large areas: what judging so few routes takes, up to this.
         judging_baselines: judging more baselines than the first two.
@@ -66,6 +67,7 @@ class Shares:
     optimizer: float = 0.05
     bent_lines: float = 0.01
     late_lines: float = 0.02
+    mended: float = 0.3
     judging: float = 0.06
     judging_of_fewest: float = 0.3
     judging_baselines: float = 0.01

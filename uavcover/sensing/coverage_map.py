@@ -301,7 +301,7 @@ class CoverageMap:
         return SameCells(self, site, coverable=coverable)
 
     def _allowed_ups_m(self, east_north_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) lowest and highest up coordinate allowed above (k, 2) points, apart from obstacles; NaN where nothing is allowed."""
+        """(k,) lowest and highest up coordinate allowed above (k, 2) points, obstacles aside; NaN where nothing is allowed."""
         limits = self.site.scenario.limits
         low = self.site.ground.ups_m(east_north_m, limits.min_height_agl_m)
         high = self.site.ground.ups_m(east_north_m, limits.max_height_agl_m)

@@ -104,8 +104,8 @@ def sample_spacing_m(scenario: Scenario) -> float:
     """Distance between two observations along the path: the stated one, or one that suits the sensor's footprint.
 
     Between two circles of a swath a strip of its edge is not seen. Spaced by a third of the radius, they lose 1.4 % of its width
-    at the worst place and 0.5 % on average. Photos with a fixed heading lose more: on a leg across their corners, the edge of the
-    swath has teeth as deep as half the spacing. Spaced by a twelfth of half a photo, they lose 2 % of that leg's swath on average.
+    at the worst place and 0.5 % on average. Photos with a fixed heading lose more: on a leg across their corners, the edge of
+    the swath has teeth as deep as half the spacing. Spaced by a twelfth of half a photo, they lose 2 % of its width on average.
 
     Raises:
         ScenarioError: the stated distance is larger than the radius, which loses 13 % and more.

@@ -14,6 +14,7 @@ from uavcover.kernels.tours import short_tour
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
+from uavcover.planner.budget import SHARES
 from uavcover.planner.final_changes import surely, with_sound_corners
 from uavcover.planner.front import Candidate
 from uavcover.planner.search.closing import with_gaps_closed
@@ -31,12 +32,14 @@ from uavcover.planner.search.local_search import (
     finest_problem,
     search_problem,
 )
+from uavcover.planner.search.mending import mended_routes
 from uavcover.planner.search.optimizer_search import Effort, SearchProgress, SearchRun
 from uavcover.planner.search.route_problem import (
     MOST_WAYPOINTS,
     OneAfterTheOther,
     RouteJudge,
     RouteProblem,
+    route_problem,
     share_seen,
     with_safety,
 )
@@ -81,11 +84,16 @@ def improve(
     """Improve routes by local search."""
     site, effort = coverage.site, run.effort
     left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
-    starts = _starts(coverage, candidates, settings)
-    if not starts or left == 0 or effort.is_over(run.started):
-        return Improved((), 0, interrupted=False)
     asked, tuned = rule.required_coverage, tuning.goal
     goal = _FLOWN if asked is None else asked
+    starts = _starts(coverage, candidates, settings)
+    mended: list[SearchStart] = []
+    if all(start.seen < goal for start in starts):
+        mended = _mended_starts(coverage, candidates, lambda: effort.is_over(run.started, share=SHARES.mended))
+        starts += mended
+    kept = [start.route for start in mended]
+    if not starts or left == 0 or effort.is_over(run.started):
+        return Improved(tuple(kept), 0, interrupted=False)
     counted_surely = search_problem(coverage, judging, starts, goal)
     problem = counted_as_judged(counted_surely, judging, starts)
     nearly = tuned.nearly_all_on_finest
@@ -102,7 +110,7 @@ def improve(
         pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
     else:
         pace = PaceByClock(effort.now, run.started + effort.budget_s)
-    judging_of = _Judging(site, judging, judges, problem, tuned, run.executor, [])
+    judging_of = _Judging(site, judging, judges, problem, tuned, run.executor, kept)
     progress = _Progress(coverage, problem, starts, pace, effort, evaluations_done, asked, run.on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
     generators = [np.random.default_rng(seed) for seed in seeds]
@@ -193,6 +201,26 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
         for each in known
         if each.violation <= 0.0 and fewest <= len(each.route[0]) <= longest
     ]
+
+
+_MOST_MENDED = 3
+_SEES_MOST = 0.9
+"""Routes that see at least this share of the most are mended, those that break the limits by the least first."""
+
+
+def _mended_starts(coverage: CoverageMap, known: Sequence[Candidate], is_over: Callable[[], bool]) -> list[SearchStart]:
+    """Routes made of stretches that keep the limits, of known ones that break them and see more than all others."""
+    site = coverage.site
+    feasible = [float(each.objectives[0]) for each in known if each.violation <= 0.0]
+    more = [each for each in known if each.violation > 0.0 and each.objectives[0] < min(feasible, default=0.0)]
+    if site.scenario.limits.applies_to != "legs" or not more:
+        return []
+    most = min(float(each.objectives[0]) for each in more)
+    seeing = [each for each in more if each.objectives[0] <= _SEES_MOST * most]
+    routes = [each.route[0] for each in sorted(seeing, key=lambda each: each.violation)[:_MOST_MENDED]]
+    problem = route_problem(coverage, margin_m=0.0, reach_m=0.0).numbers
+    mended = mended_routes(site, problem, routes, is_over)
+    return [SearchStart(route, share_seen(route, coverage)) for route in mended if len(route) <= MOST_WAYPOINTS]
 
 
 def _capacity(

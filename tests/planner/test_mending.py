@@ -1,0 +1,108 @@
+"""Routes that keep the limits, made of the stretches of routes that break them: on ground too steep for straight lines."""
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+
+from tests.planner.sites import flat, make_site
+from uavcover.missions.leg_checks import measure_violations
+from uavcover.model.route import Route
+from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
+from uavcover.planner.planner import Effort, plan_routes
+from uavcover.planner.search.mending import mended_routes
+from uavcover.planner.search.route_problem import route_problem, share_seen
+from uavcover.sensing.site_maps import planning_map
+
+LIMITS = {"max_height_agl_m": 60.0, "max_climb_angle_deg": 15.0}
+
+
+def slope(east, north):
+    """Twice as steep as a leg may climb."""
+    return 0.55 * (0.6 * east + 0.8 * north)
+
+
+def rough(east, north):
+    return 40.0 * np.sin(east / 55.0) * np.cos(north / 50.0) + 0.1 * east
+
+
+def mended(site, *routes_m):
+    problem = route_problem(planning_map(site), margin_m=0.0, reach_m=0.0).numbers
+    return [route.waypoints_m for route in mended_routes(site, problem, [Route(each) for each in routes_m])]
+
+
+def violations(site, points_m):
+    return measure_violations(site, points_m, margin_m=site.scenario.limits.height_margin_m).total
+
+
+def over(site, *places, height_agl_m=50.0):
+    places_m = np.array(places, dtype=float)
+    return np.column_stack([places_m, site.ground.ups_m(places_m, height_agl_m)])
+
+
+def along_contour(east_m, north_m):
+    """Two places 60 m apart at one height."""
+    return (east_m - 24.0, north_m + 18.0), (east_m + 24.0, north_m - 18.0)
+
+
+def test_stretches_are_joined_by_zigzags():
+    site = make_site(slope, limits=LIMITS)
+    low, high = along_contour(60.0, 60.0), along_contour(200.0, 160.0)
+    route_m = over(site, *low, *high)
+    assert violations(site, route_m) > 0.0
+    (found,) = mended(site, route_m)
+    assert violations(site, found) == 0.0
+    for place in route_m:
+        assert (found == place).all(axis=1).any()
+    level_m, climbed_m = np.hypot(*(route_m[2] - route_m[1])[:2]), route_m[2, 2] - route_m[1, 2]
+    # No way that climbs so much is shorter than this, and a lattice has few directions.
+    least_m = climbed_m / np.tan(np.radians(15.0))
+    between = found[1:-1]
+    way_m = np.hypot(*np.diff(between, axis=0)[:, :2].T).sum()
+    assert max(level_m, least_m) <= way_m < 1.4 * least_m
+
+
+def test_a_route_that_keeps_the_limits_stays():
+    site = make_site(slope, limits=LIMITS)
+    route_m = over(site, *along_contour(100.0, 80.0))
+    (found,) = mended(site, route_m)
+    np.testing.assert_array_equal(found, route_m)
+    assert mended(site, over(site, (0.0, 0.0), (60.0, 80.0))) == []
+
+
+def test_only_what_can_be_joined_is_kept():
+    """A cliff of 100 m parts two stretches; the longer one stays."""
+    site = make_site(lambda east, north: np.where(east < 150.0, 0.0, 100.0) + 0.0 * north, limits=LIMITS)
+    left, right = over(site, (10.0, 50.0), (120.0, 50.0)), over(site, (200.0, 50.0), (280.0, 50.0))
+    (found,) = mended(site, np.vstack([left, right]))
+    np.testing.assert_array_equal(found, left)
+
+
+@pytest.mark.parametrize("ups", [slope, rough], ids=["slope", "rough"])
+def test_mended_lines_keep_the_limits_and_see_the_ground(ups):
+    site = make_site(ups, limits=LIMITS)
+    coverage = planning_map(site)
+    lines = fly_layout(site, plain_boustrophedon(site))
+    assert violations(site, lines.waypoints_m) > 0.0
+    (found,) = mended(site, lines.waypoints_m)
+    assert violations(site, found) == 0.0
+    assert share_seen(Route(found), coverage) > 0.5
+
+
+def test_a_search_begins_with_them_where_no_line_keeps_the_limits():
+    site = make_site(rough, limits=LIMITS, planner={"algorithm": "memetic", "seed": 1})
+    plan = plan_routes(
+        site, settings=dataclasses.replace(site.scenario.planner, evaluations=400), select_rule="coverage>=0.95",
+        effort=Effort(400, None, time.monotonic),
+    )  # fmt: skip
+    assert all(baseline.violation > 0.0 for baseline in plan.baselines)
+    assert violations(site, plan.chosen.route.waypoints_m) == 0.0
+    assert plan.chosen.metrics.coverage_of_coverable >= 0.95
+
+
+def test_flat_ground_needs_none():
+    site = make_site(flat, limits=LIMITS)
+    lines = fly_layout(site, plain_boustrophedon(site)).waypoints_m
+    (found,) = mended(site, lines)
+    np.testing.assert_array_equal(found, lines)
