@@ -51,8 +51,8 @@ from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 from uavcover.sensing.site_maps import is_large, judging_map, planning_map
 from uavcover.terrain.suspect_heights import trust_asked_for
 
-_QUICK_BOUNDS_S = 0.5
-"""Bounds without a solver take about this long."""
+_QUICK_BOUNDS_CELLS_1_S = 80_000
+"""Bounds without a solver look at about this number of cells in a second."""
 
 _FIRST_STOP = "stopping: evaluating and writing the best route so far; press Ctrl-C twice more to abort"
 
@@ -272,7 +272,8 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
         return bounds(site)
     if request.bounds_s is None and request.budget_s is not None:
         limit = CommandTime(begun_s=request.begun_s or time.monotonic(), budget_s=request.budget_s)
-        in_time = limit.left_s(share=1.0 + SHARES.late_bounds) >= _QUICK_BOUNDS_S
+        takes_s = judging_map(site).grid.count / _QUICK_BOUNDS_CELLS_1_S
+        in_time = limit.left_s(share=1.0 + SHARES.late_bounds) >= takes_s
         return bounds(site, result, time_s=0.0) if in_time else bounds(site)
     if request.bounds_s is None:
         return bounds(site, result)

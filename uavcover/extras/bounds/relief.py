@@ -207,6 +207,9 @@ def rates_by_node(
     return starts, columns[:filled], data[:filled]
 
 
+_SQUARES_OF_BLOCK = 8
+
+
 @allocating_kernel
 def farthest_looks(
     centres: NDArray[np.float64],
@@ -234,36 +237,59 @@ def farthest_looks(
     """
     rows, columns = tops.shape
     out = np.zeros(centres.shape[0])
-    offsets, farthest = _squares_around(int(reach / side) + 2, side)
-    highest = np.nanmax(tops) if np.isfinite(tops).any() else -math.inf
+    # Blocks of squares first: most of them are too low, or nearer than what is found already.
+    block = _SQUARES_OF_BLOCK * side
+    highest = _highest_of_blocks(tops)
+    offsets, farthest = _squares_around(int(reach / block) + 2, block)
+    top = np.nanmax(tops) if np.isfinite(tops).any() else -math.inf
     for k in range(centres.shape[0]):
         e, n, u = centres[k, 0] - east0, centres[k, 1] - north0, centres[k, 2]
-        row, column = math.floor(n / side), math.floor(e / side)
+        row, column = math.floor(n / block), math.floor(e / block)
         # What is further away than the highest place could see is passed over; from there inwards, until the rest is nearer.
-        most = min(reach, tan_half_fov * (highest - u)) + 3.0 * side
+        most = min(reach, tan_half_fov * (top - u)) + 3.0 * block
         for at in range(np.searchsorted(-farthest, -most), len(farthest)):
             if farthest[at] <= out[k]:
                 break
             for quadrant in range(4):
                 i = row + (offsets[at, 0] if quadrant % 2 else -offsets[at, 0])
                 j = column + (offsets[at, 1] if quadrant // 2 else -offsets[at, 1])
-                if i < 0 or j < 0 or i >= rows or j >= columns or math.isnan(tops[i, j]):
+                if i < 0 or j < 0 or i >= highest.shape[0] or j >= highest.shape[1]:
                     continue
-                radius = min(reach, tan_half_fov * (tops[i, j] - u))
-                if radius <= out[k]:
+                if _farthest_in_square(e, n, u, i, j, block, highest[i, j], tan_half_fov, reach) <= out[k]:
                     continue
-                de_near, dn_near = (
-                    max(0.0, j * side - e, e - (j + 1) * side),
-                    max(0.0, i * side - n, n - (i + 1) * side),
-                )
-                if math.hypot(de_near, dn_near) > radius:
-                    continue
-                de_far, dn_far = (
-                    max(abs(e - j * side), abs(e - (j + 1) * side)),
-                    max(abs(n - i * side), abs(n - (i + 1) * side)),
-                )
-                out[k] = max(out[k], min(radius, math.hypot(de_far, dn_far)))
+                for r in range(i * _SQUARES_OF_BLOCK, min((i + 1) * _SQUARES_OF_BLOCK, rows)):
+                    for c in range(j * _SQUARES_OF_BLOCK, min((j + 1) * _SQUARES_OF_BLOCK, columns)):
+                        look = _farthest_in_square(e, n, u, r, c, side, tops[r, c], tan_half_fov, reach)
+                        out[k] = max(out[k], look)
     return out
+
+
+@allocating_kernel
+def _highest_of_blocks(tops: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Highest of (rows, columns) numbers in blocks of _SQUARES_OF_BLOCK rows and columns; NaN where there is none."""
+    rows, columns = tops.shape
+    out = np.full((math.ceil(rows / _SQUARES_OF_BLOCK), math.ceil(columns / _SQUARES_OF_BLOCK)), math.nan)
+    for i in range(rows):
+        for j in range(columns):
+            r, c = i // _SQUARES_OF_BLOCK, j // _SQUARES_OF_BLOCK
+            if math.isnan(out[r, c]) or tops[i, j] > out[r, c]:
+                out[r, c] = tops[i, j]
+    return out
+
+
+@kernel
+def _farthest_in_square(
+    e: float, n: float, u: float, i: int, j: int, side: float, top: float, tan_half_fov: float, reach: float
+) -> float:
+    """How far away a place in a square sees a cell through a cone, at most; 0 where none does, or its top is NaN."""
+    if math.isnan(top):
+        return 0.0
+    radius = min(reach, tan_half_fov * (top - u))
+    de_near, dn_near = max(0.0, j * side - e, e - (j + 1) * side), max(0.0, i * side - n, n - (i + 1) * side)
+    if math.hypot(de_near, dn_near) > radius:
+        return 0.0
+    de_far, dn_far = max(abs(e - j * side), abs(e - (j + 1) * side)), max(abs(n - i * side), abs(n - (i + 1) * side))
+    return min(radius, math.hypot(de_far, dn_far))
 
 
 @allocating_kernel
