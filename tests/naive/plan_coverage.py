@@ -87,7 +87,7 @@ def along(route, spacing_m, noses=None):
 
 
 def spacing_m(scenario):
-    """Between two looks along the path: said, or a third (a twelfth of a photo that does not turn) of half of what is seen, 10 m at most."""
+    """Between two looks along the path: said, or a third of half of what is seen (a twelfth of photos that do not turn)."""
     sensor, limits = scenario["sensor"], scenario["limits"]
     if "sample_spacing_m" in sensor:
         return sensor["sample_spacing_m"]

@@ -76,7 +76,8 @@ def test_a_swath_counts_in_full(sensor):
 
 @pytest.mark.parametrize("turned_deg", [20.0, 45.0, 70.0])
 def test_an_oblique_swath_of_a_fixed_heading_counts_in_full(turned_deg):
-    sensor = 'kind = "frame-camera"\nfov_across_deg = 60.0\nfov_along_deg = 50.0\nrange_m = 90.0\nmount = "stabilised"\nheading_deg = 0.0'
+    sensor = 'kind = "frame-camera"\nfov_across_deg = 60.0\nfov_along_deg = 50.0\nrange_m = 90.0\n'
+    sensor += 'mount = "stabilised"\nheading_deg = 0.0'
     site = site_of(sensor, side_m=60.0, cell_m=0.5)
     along = np.array([np.sin(np.radians(turned_deg)), np.cos(np.radians(turned_deg))])
     route = np.array([[*(30.0 + t * along), HEIGHT_M] for t in (-80.0, 80.0)])
