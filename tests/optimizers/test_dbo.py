@@ -21,11 +21,11 @@ def test_each_beetle_keeps_its_best_place_and_the_one_before():
     improved = 0
     optimizer.tell(shifted(optimizer.ask()))
     while not optimizer.should_stop:
-        before, x = optimizer._own_best, optimizer.ask()
+        before, x = optimizer._alive, optimizer.ask()
         values = shifted(x)
         optimizer.tell(values)
         better = values < before.objectives
-        assert np.array_equal(optimizer._own_best.x, np.where(better, x, before.x))
+        assert np.array_equal(optimizer._alive.x, np.where(better, x, before.x))
         assert np.array_equal(optimizer._previous, before.x)
         assert np.array_equal(optimizer._current_best, x[values.argmin()])
         assert np.array_equal(optimizer._current_worst, x[values.argmax()])
@@ -49,7 +49,7 @@ def test_less_violation_is_better_than_a_better_value():
     second = optimizer.ask()
     violations = np.where(np.arange(12) < 6, 0.5, 2.0)[:, None]
     optimizer.tell(shifted(second) + 100.0, violations)
-    assert np.array_equal(optimizer._own_best.x, np.where(violations < 1, second, first))
+    assert np.array_equal(optimizer._alive.x, np.where(violations < 1, second, first))
 
 
 def test_the_best_is_found():

@@ -30,19 +30,19 @@ def test_groups_are_20_20_25_35_percent_and_add_up():
 def test_previous_positions_stay_with_their_beetles(algorithm):
     optimizer = build(algorithm)
     optimizer.tell(two_spheres(optimizer.ask()))
-    assert (optimizer._swarm.previous == optimizer._swarm.solutions.x).all()
+    assert (optimizer._previous == optimizer._alive.x).all()
     moved = stayed = 0
     while not optimizer.should_stop:
         candidates = optimizer.ask()
-        before = optimizer._swarm
+        alive, previously = optimizer._alive.x, optimizer._previous
         allowed = defaultdict(set)  # x to x(t-1); a set, because a beetle that does not move repeats its parent
-        for x, parent in zip(candidates, before.solutions.x[optimizer._parents], strict=True):
+        for x, parent in zip(candidates, alive[optimizer._parents], strict=True):
             allowed[bytes(x)].add(bytes(parent))
-        for x, previous in zip(before.solutions.x, before.previous, strict=True):
+        for x, previous in zip(alive, previously, strict=True):
             allowed[bytes(x)].add(bytes(previous))
         optimizer.tell(two_spheres(candidates))
-        old = set(map(bytes, before.solutions.x))
-        for x, previous in zip(optimizer._swarm.solutions.x, optimizer._swarm.previous, strict=True):
+        old = set(map(bytes, alive))
+        for x, previous in zip(optimizer._alive.x, optimizer._previous, strict=True):
             assert bytes(previous) in allowed[bytes(x)]
             stayed += bytes(x) in old
             moved += bytes(x) not in old

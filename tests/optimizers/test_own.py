@@ -125,7 +125,7 @@ class TestNames:
             ("class MySearch:\n def ask(self): ...\n", r"class MySearch has no tell\(\)"),
             ("class MySearch:\n ask = 1\n def tell(self): ...\n", r"class MySearch has no ask\(\)"),
             ("from uavcover.optimizers import AskTellOptimizer\nclass MySearch(AskTellOptimizer): ...\n",
-             r"class MySearch is abstract; implement _move\(\), _sample\(\)"),
+             r"class MySearch is abstract; implement _move\(\)"),
             (EXAMPLE.replace(", **settings", ""), r"MySearch\(...\) does not accept its arguments .*n_objectives"),
             (EXAMPLE.replace("lower, upper, *, ", "*, lower, upper, "), "does not accept its arguments"),
         ],

@@ -20,10 +20,9 @@ def test_a_beetle_moves_only_to_a_place_that_dominates_its_own() -> None:
     optimizer.tell(objectives[parents], violations[parents])
     moved = np.array([True, False, False, True, False, False])
     offspring = second[np.argsort(parents)]
-    swarm = optimizer._swarm
-    assert np.array_equal(swarm.solutions.x, np.where(moved[:, None], offspring, first))
-    assert np.array_equal(swarm.solutions.objectives[moved], objectives[moved])
-    assert np.array_equal(swarm.previous, first)
+    assert np.array_equal(optimizer._alive.x, np.where(moved[:, None], offspring, first))
+    assert np.array_equal(optimizer._alive.objectives[moved], objectives[moved])
+    assert np.array_equal(optimizer._previous, first)
 
 
 def test_no_beetle_ever_gets_worse() -> None:
@@ -32,7 +31,7 @@ def test_no_beetle_ever_gets_worse() -> None:
     )
     optimizer.tell(two_spheres(optimizer.ask()))
     while not optimizer.should_stop:
-        before = optimizer._swarm.solutions.objectives
+        before = optimizer._alive.objectives
         optimizer.tell(two_spheres(optimizer.ask()))
-        after = optimizer._swarm.solutions.objectives
+        after = optimizer._alive.objectives
         assert ((after == before).all(axis=1) | (after <= before).all(axis=1)).all()

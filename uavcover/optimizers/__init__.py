@@ -26,11 +26,14 @@ from uavcover.optimizers.dung_beetle_variants import (
     ImodboMinusSineCosine,
     ImodboOwnBest,
     ModboOwnBest,
+)
+from uavcover.optimizers.imodbo import (
+    IMODBO,
+    MODBO,
     ModboPlusDynamicParameters,
     ModboPlusLatinHypercube,
     ModboPlusSineCosine,
 )
-from uavcover.optimizers.imodbo import IMODBO, MODBO
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 from uavcover.optimizers.pymoo.adapters import MOEAD, NSGA2, adapted, pymoo_algorithm
 from uavcover.optimizers.rivals import MOGWO, MOSSA, MOWOA, RandomSearch

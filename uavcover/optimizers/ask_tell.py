@@ -45,8 +45,8 @@ class Solutions:
     violations: FloatArray  # (n, c), > 0 where violated
 
     def __post_init__(self) -> None:
-        for name in ("x", "objectives", "violations"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        for name, values in self.columns.items():
+            object.__setattr__(self, name, read_only(values))
 
     def __len__(self) -> int:
         return len(self.x)
@@ -60,6 +60,11 @@ class Solutions:
     def total_violation(self) -> FloatArray:
         """``(n,)`` sums of the positive parts of the violations; 0 is feasible."""
         return read_only(np.maximum(self.violations, 0.0).sum(axis=1))
+
+    @property
+    def columns(self) -> dict[str, FloatArray]:
+        """The arrays by name."""
+        return {"x": self.x, "objectives": self.objectives, "violations": self.violations}
 
     def rows(self, chosen: npt.NDArray[np.int64 | np.bool_]) -> "Solutions":
         """The chosen rows: ``(k,)`` row numbers or an ``(n,)`` mask."""
@@ -263,6 +268,9 @@ class AskTellOptimizer(AskAndTell, ABC):
 
     smallest_population: ClassVar[int] = 1
     most_objectives: ClassVar[int | None] = None  # no limit
+    remembered: ClassVar[tuple[str, ...]] = ()  # arrays between rounds: "ranks" is the attribute _ranks
+
+    _alive: Solutions  # the solutions between rounds of an algorithm that has some beside the archive
 
     def __init__(
         self,
@@ -300,9 +308,9 @@ class AskTellOptimizer(AskAndTell, ABC):
         nothing = Solutions.none(self._box.n_variables, self._n_objectives, self._n_constraints)
         self._archive = Archive(nothing, capacity)
 
-    @abstractmethod
     def _sample(self, rng: np.random.Generator) -> FloatArray:
         """The first population ``(n, d)``."""
+        return self._box.uniform(self._population_size, rng)
 
     @abstractmethod
     def _move(self, rng: np.random.Generator) -> FloatArray:
@@ -317,10 +325,15 @@ class AskTellOptimizer(AskAndTell, ABC):
 
     def _memory(self) -> dict[str, npt.NDArray[Any]]:
         """State of the algorithm between rounds; empty without state."""
-        return {}
+        alive = self._alive.columns if hasattr(self, "_alive") else {}
+        return alive | {name: getattr(self, f"_{name}") for name in self.remembered if hasattr(self, f"_{name}")}
 
     def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
         """Take up what ``_memory`` gave, unless that was empty."""
+        if "x" in memory:
+            self._alive = Solutions(memory.pop("x"), memory.pop("objectives"), memory.pop("violations"))
+        for name, values in memory.items():
+            setattr(self, f"_{name}", values)
 
     @property
     def iteration(self) -> int:
@@ -395,9 +408,7 @@ class AskTellOptimizer(AskAndTell, ABC):
             "iteration": self._iteration,
             "streams": {name: rng.bit_generator.state for name, rng in self._rngs.items()},
             "asked": None if self._asked is None else self._asked.copy(),
-            "archive": {
-                name: getattr(self._archive.solutions, name).copy() for name in ("x", "objectives", "violations")
-            },
+            "archive": {name: values.copy() for name, values in self._archive.solutions.columns.items()},
             "memory": {name: values.copy() for name, values in self._memory().items()},
         }
 

@@ -11,25 +11,20 @@ does not say who survives. Our frame lets parents and offspring compete by front
 reading, kept to compare with (docs/explanation/fidelity.md).
 """
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.dominance import non_dominated_ranks
-from uavcover.optimizers.ask_tell import AskTellOptimizer, Solutions
+from uavcover.optimizers.ask_tell import Solutions
 from uavcover.optimizers.imodbo import (
     IMODBO,
     MODBO,
-    DungBeetleOptimizer,
-    Region,
-    Swarm,
-    area_around,
+    ModboPlusDynamicParameters,
+    ModboPlusLatinHypercube,
+    ModboPlusSineCosine,
     breeder,
-    disturbed_small_beetle,
-    dynamic_deflection,
-    dynamic_step,
     group_sizes,
     roller,
     small_beetle,
@@ -37,29 +32,25 @@ from uavcover.optimizers.imodbo import (
 )
 
 
-class DBO(AskTellOptimizer):
+class DBO(MODBO):
     """Rollers, breeders, small beetles and thieves for a single objective; arguments as `AskTellOptimizer`.
 
     As in the original, a beetle stays in its group, moves from the best place it has ever been at, and eggs stay inside the
     oviposition area. Parameters are the original's: k = 0.1, b = 0.3, S = 0.5.
     """
 
-    smallest_population: ClassVar[int] = 4  # one beetle in each group
     most_objectives: ClassVar[int | None] = 1
     deflection: ClassVar[float] = 0.1  # k
     step: ClassVar[float] = 0.3  # b
     theft_constant: ClassVar[float] = 0.5  # S
+    remembered: ClassVar[tuple[str, ...]] = ("previous", "current_best", "current_worst")
 
-    _own_best: Solutions  # of each beetle
-    _previous: FloatArray  # (n, d): where that was one round earlier, x(t-1)
+    _alive: Solutions  # the best place of each beetle; _previous is where that was one round earlier, x(t-1)
     _current_best: FloatArray  # (d,): X*, of the last evaluated round
     _current_worst: FloatArray  # (d,): X^w, of the last evaluated round
 
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.uniform(self._population_size, rng)
-
     def _move(self, rng: np.random.Generator) -> FloatArray:
-        x, here, worst = self._own_best.x, self._current_best, self._current_worst
+        x, here, worst = self._alive.x, self._current_best, self._current_worst
         ever = self._archive.solutions.x[0]  # X^b
         n = self._population_size
         rollers, breeders, smalls, thieves = np.split(np.arange(n), np.cumsum(group_sizes(n))[:-1])
@@ -80,40 +71,20 @@ class DBO(AskTellOptimizer):
         )  # Eq. 7 (18)
         return np.concatenate([rolled, bred, walked, stolen])
 
-    def _area_around(self, centre: FloatArray) -> Region:
-        return area_around(centre, self._box.lower, self._box.upper, t=self._iteration, t_max=self._max_iterations)
-
     def _learn(self, evaluated: Solutions) -> None:
         order = np.lexsort((evaluated.objectives[:, 0], evaluated.total_violation))  # feasibility rules
         self._current_best, self._current_worst = evaluated.x[order[0]], evaluated.x[order[-1]]
         if self._iteration == 0:
-            self._own_best, self._previous = evaluated, evaluated.x
+            self._alive, self._previous = evaluated, evaluated.x
             return
-        old = self._own_best
+        old = self._alive
         same = evaluated.total_violation == old.total_violation
         better = np.where(
             same, evaluated.objectives[:, 0] < old.objectives[:, 0], evaluated.total_violation < old.total_violation
         )
         self._previous = old.x
         n = self._population_size
-        self._own_best = old.followed_by(evaluated).rows(np.where(better, n + np.arange(n), np.arange(n)))
-
-    def _memory(self) -> dict[str, npt.NDArray[Any]]:
-        if self._iteration == 0:
-            return {}
-        return {
-            "x": self._own_best.x,
-            "objectives": self._own_best.objectives,
-            "violations": self._own_best.violations,
-            "previous": self._previous,
-            "current_best": self._current_best,
-            "current_worst": self._current_worst,
-        }
-
-    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        self._own_best = Solutions(memory["x"], memory["objectives"], memory["violations"])
-        self._previous = memory["previous"]
-        self._current_best, self._current_worst = memory["current_best"], memory["current_worst"]
+        self._alive = old.followed_by(evaluated).rows(np.where(better, n + np.arange(n), np.arange(n)))
 
 
 def _each(position: FloatArray, members: IntArray) -> FloatArray:
@@ -121,66 +92,38 @@ def _each(position: FloatArray, members: IntArray) -> FloatArray:
     return np.broadcast_to(position, (len(members), len(position)))
 
 
-class ModboPlusLatinHypercube(MODBO):
-    """MODBO whose first population is a Latin hypercube."""
-
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.latin_hypercube(self._population_size, rng)  # Eq. 19
-
-
-class ModboPlusDynamicParameters(MODBO):
-    """MODBO whose k and b change with time."""
-
-    def _roller_coefficients(self) -> tuple[float, float]:
-        t, t_max = self._iteration, self._max_iterations
-        return dynamic_deflection(t, t_max), dynamic_step(t, t_max)  # Eq. 21, 20
-
-
-class ModboPlusSineCosine(MODBO):
-    """MODBO whose small beetles are disturbed by sine and cosine."""
-
-    def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
-        return disturbed_small_beetle(x, area, t=self._iteration, t_max=self._max_iterations, rng=rng)  # Eq. 22, 23
-
-
-class ImodboMinusLatinHypercube(IMODBO):
+class ImodboMinusLatinHypercube(ModboPlusDynamicParameters, ModboPlusSineCosine):
     """IMODBO whose first population is uniform."""
 
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.uniform(self._population_size, rng)
 
-
-class ImodboMinusDynamicParameters(IMODBO):
+class ImodboMinusDynamicParameters(ModboPlusLatinHypercube, ModboPlusSineCosine):
     """IMODBO with the fixed k and b of MODBO (Table 2)."""
 
-    def _roller_coefficients(self) -> tuple[float, float]:
-        return MODBO.deflection, MODBO.step
 
-
-class ImodboMinusSineCosine(IMODBO):
+class ImodboMinusSineCosine(ModboPlusLatinHypercube, ModboPlusDynamicParameters):
     """IMODBO whose small beetles are not disturbed."""
 
-    def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
-        return small_beetle(x, area, rng=rng)  # Eq. 17
 
+class ModboOwnBest(MODBO):
+    """MODBO whose beetles keep their own best place.
 
-class _OwnBest(DungBeetleOptimizer):
-    """A beetle goes to where it was sent only if that dominates where it is, by the feasibility rules."""
+    A beetle goes to where it was sent only if that dominates where it is, by the feasibility rules.
+    """
 
     def _learn(self, evaluated: Solutions) -> None:
         if self._iteration == 0:
             super()._learn(evaluated)
             return
         order = np.argsort(self._parents)  # offspring in the order of their parents
-        parents, offspring = self._swarm.solutions, evaluated.rows(order)
+        parents, offspring = self._alive, evaluated.rows(order)
         moved = _dominate(offspring, parents)[:, None]
-        alive = Solutions(
+        self._alive = Solutions(
             np.where(moved, offspring.x, parents.x),
             np.where(moved, offspring.objectives, parents.objectives),
             np.where(moved, offspring.violations, parents.violations),
         )
-        previous = np.where(moved, parents.x, self._swarm.previous)
-        self._swarm = Swarm(alive, previous, non_dominated_ranks(alive.objectives, alive.total_violation))
+        self._previous = np.where(moved, parents.x, self._previous)
+        self._ranks = non_dominated_ranks(self._alive.objectives, self._alive.total_violation)
 
 
 def _dominate(these: Solutions, others: Solutions) -> BoolArray:
@@ -192,9 +135,5 @@ def _dominate(these: Solutions, others: Solutions) -> BoolArray:
     return dominating
 
 
-class ModboOwnBest(_OwnBest, MODBO):
-    """MODBO whose beetles keep their own best place."""
-
-
-class ImodboOwnBest(_OwnBest, IMODBO):
+class ImodboOwnBest(ModboOwnBest, IMODBO):
     """IMODBO whose beetles keep their own best place."""

@@ -8,12 +8,10 @@ of the group, d = variables. Results may lie outside the search space. Functions
 in the order their docstring gives. Equation 19, the Latin hypercube, is `Box.latin_hypercube`.
 """
 
-from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_ranks
@@ -228,68 +226,57 @@ def group_sizes(population_size: int) -> IntArray:
     return sizes
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Swarm:
-    """The beetles alive: n solutions, where each came from and how good it is.
-
-    Attributes:
-        solutions: n rows, their x is x(t).
-        previous: ``(n, d)`` x(t-1) of each; its own x as long as it has not moved.
-        ranks: ``(n,)`` front of each, 0 is the first.
-    """
-
-    solutions: Solutions
-    previous: FloatArray
-    ranks: IntArray
-
-    def drawn_from_front(self, rank: int, count: int, rng: np.random.Generator) -> FloatArray:
-        """Decision vectors ``(count, d)`` of random members of one front."""
-        members = np.flatnonzero(self.ranks == rank)
-        return self.solutions.x[members[rng.integers(0, len(members), count)]]
-
-
-class DungBeetleOptimizer(AskTellOptimizer):
-    """Rollers, breeders, small beetles and thieves; see `AskTellOptimizer` for the arguments.
+class MODBO(AskTellOptimizer):
+    """Rollers, breeders, small beetles and thieves; arguments as `AskTellOptimizer`.
 
     Every round each beetle moves once, by the equations of the group it is drawn into; parents and offspring together
-    are reduced to the population size by non-dominated sort and crowding.
+    are reduced to the population size by non-dominated sort and crowding. The first population is uniform, k and b are
+    fixed (Table 2).
     """
 
     smallest_population: ClassVar[int] = 4  # one beetle in each group
+    deflection: ClassVar[float] = 0.2  # K, Table 2
+    step: ClassVar[float] = 0.2  # b, Table 2
     theft_constant: ClassVar[float] = 0.25  # S, Table 2
+    remembered: ClassVar[tuple[str, ...]] = ("previous", "ranks", "parents")
 
-    _swarm: Swarm
-    _parents: IntArray
+    _previous: FloatArray  # (n, d) x(t-1) of each; its own x as long as it has not moved
+    _ranks: IntArray  # (n,) front of each, 0 is the first
+    _parents: IntArray  # (n,) the beetle that each candidate comes from
 
-    @abstractmethod
     def _roller_coefficients(self) -> tuple[float, float]:
         """The k and b of Eq. 9 in this round."""
+        return self.deflection, self.step
 
-    @abstractmethod
     def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
         """New positions of small beetles ``(g, d)`` with these foraging areas."""
+        return small_beetle(x, area, rng=rng)
 
     def _move(self, rng: np.random.Generator) -> FloatArray:
-        swarm, archive = self._swarm, self._archive
+        x, archive = self._alive.x, self._archive
         parents = rng.permutation(self._population_size)  # groups are drawn anew in each round
         rollers, breeders, smalls, thieves = np.split(parents, np.cumsum(group_sizes(self._population_size))[:-1])
-        x, worst_front = swarm.solutions.x, int(swarm.ranks.max())
 
-        worst = swarm.drawn_from_front(worst_front, len(rollers), rng)
+        worst = self._drawn_from_front(int(self._ranks.max()), len(rollers), rng)
         k, b = self._roller_coefficients()
-        rolled = roller(x[rollers], swarm.previous[rollers], worst, k=k, b=b, rng=rng)
+        rolled = roller(x[rollers], self._previous[rollers], worst, k=k, b=b, rng=rng)
 
-        best = swarm.drawn_from_front(0, len(breeders), rng)
+        best = self._drawn_from_front(0, len(breeders), rng)
         bred = breeder(x[breeders], best, self._area_around(best), rng=rng)
 
         food = archive.leaders(len(smalls), rng)
         walked = self._walk_small_beetles(x[smalls], self._area_around(food), rng)
 
-        best = swarm.drawn_from_front(0, len(thieves), rng)
+        best = self._drawn_from_front(0, len(thieves), rng)
         stolen = thief(x[thieves], best, archive.leaders(len(thieves), rng), s=self.theft_constant, rng=rng)
 
         self._parents = parents
         return np.concatenate([rolled, bred, walked, stolen])
+
+    def _drawn_from_front(self, rank: int, count: int, rng: np.random.Generator) -> FloatArray:
+        """Decision vectors ``(count, d)`` of random members of one front."""
+        members = np.flatnonzero(self._ranks == rank)
+        return self._alive.x[members[rng.integers(0, len(members), count)]]
 
     def _area_around(self, centre: FloatArray) -> Region:
         return area_around(centre, self._box.lower, self._box.upper, t=self._iteration, t_max=self._max_iterations)
@@ -298,64 +285,37 @@ class DungBeetleOptimizer(AskTellOptimizer):
         if self._iteration == 0:
             alive, previous = evaluated, evaluated.x
         else:
-            alive = self._swarm.solutions.followed_by(evaluated)
+            alive = self._alive.followed_by(evaluated)
             # a survivor keeps the x(t-1) it has; an offspring comes from where its parent is
-            previous = np.concatenate([self._swarm.previous, self._swarm.solutions.x[self._parents]])
-        chosen, ranks = survivors(alive, self._population_size)
-        self._swarm = Swarm(alive.rows(chosen), previous[chosen], ranks)
-
-    def _memory(self) -> dict[str, npt.NDArray[Any]]:
-        if self._iteration == 0:
-            return {}
-        swarm = self._swarm
-        memory: dict[str, npt.NDArray[Any]] = {
-            "x": swarm.solutions.x,
-            "objectives": swarm.solutions.objectives,
-            "violations": swarm.solutions.violations,
-            "previous": swarm.previous,
-            "ranks": swarm.ranks,
-        }
-        return memory | ({} if self._asked is None else {"parents": self._parents})
-
-    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        solutions = Solutions(memory["x"], memory["objectives"], memory["violations"])
-        self._swarm = Swarm(solutions, memory["previous"], memory["ranks"])
-        if "parents" in memory:
-            self._parents = memory["parents"]
+            previous = np.concatenate([self._previous, self._alive.x[self._parents]])
+        chosen, self._ranks = survivors(alive, self._population_size)
+        self._alive, self._previous = alive.rows(chosen), previous[chosen]
 
 
-class MODBO(DungBeetleOptimizer):
-    """Uniform first population, fixed k and b (Table 2), small beetles by Eq. 17; arguments as `AskTellOptimizer`."""
-
-    deflection: ClassVar[float] = 0.2  # K, Table 2
-    step: ClassVar[float] = 0.2  # b, Table 2
+class ModboPlusLatinHypercube(MODBO):
+    """MODBO whose first population is a Latin hypercube."""
 
     def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.uniform(self._population_size, rng)
-
-    def _roller_coefficients(self) -> tuple[float, float]:
-        return self.deflection, self.step
-
-    def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
-        return small_beetle(x, area, rng=rng)
+        return self._box.latin_hypercube(self._population_size, rng)  # Eq. 19
 
 
-class IMODBO(DungBeetleOptimizer):
-    """MODBO with the paper's three improvements; arguments as `AskTellOptimizer`.
-
-    Latin hypercube for the first population (Eq. 19), k and b that change with time (Eq. 20, 21; the K and b of Table 2
-    are not used), and small beetles disturbed by sine and cosine (Eq. 22, 23).
-    """
-
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.latin_hypercube(self._population_size, rng)
+class ModboPlusDynamicParameters(MODBO):
+    """MODBO whose k and b change with time; the K and b of Table 2 are not used."""
 
     def _roller_coefficients(self) -> tuple[float, float]:
         t, t_max = self._iteration, self._max_iterations
-        return dynamic_deflection(t, t_max), dynamic_step(t, t_max)
+        return dynamic_deflection(t, t_max), dynamic_step(t, t_max)  # Eq. 21, 20
+
+
+class ModboPlusSineCosine(MODBO):
+    """MODBO whose small beetles are disturbed by sine and cosine."""
 
     def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
-        return disturbed_small_beetle(x, area, t=self._iteration, t_max=self._max_iterations, rng=rng)
+        return disturbed_small_beetle(x, area, t=self._iteration, t_max=self._max_iterations, rng=rng)  # Eq. 22, 23
+
+
+class IMODBO(ModboPlusLatinHypercube, ModboPlusDynamicParameters, ModboPlusSineCosine):
+    """MODBO with the paper's three improvements; arguments as `AskTellOptimizer`."""
 
 
 def survivors(solutions: Solutions, count: int) -> tuple[IntArray, IntArray]:

@@ -14,10 +14,9 @@ Equations are numbered as in the papers on the versions for one objective:
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.dominance import crowding_distance
@@ -175,11 +174,9 @@ class MOGWO(AskTellOptimizer):
     n_grid: ClassVar[int] = 10  # Table 2
     grid_inflation: ClassVar[float] = 0.1  # alpha, Table 2
     leader_pressure: ClassVar[float] = 10.0  # beta, Table 2
+    remembered: ClassVar[tuple[str, ...]] = ("wolves",)
 
     _wolves: FloatArray  # (n, d) positions X(t)
-
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.uniform(self._population_size, rng)
 
     def _move(self, rng: np.random.Generator) -> FloatArray:
         a = 2 - 2 * self._iteration / self._max_iterations
@@ -203,12 +200,6 @@ class MOGWO(AskTellOptimizer):
 
     def _learn(self, evaluated: Solutions) -> None:
         self._wolves = evaluated.x
-
-    def _memory(self) -> dict[str, npt.NDArray[Any]]:
-        return {} if self._iteration == 0 else {"wolves": self._wolves}
-
-    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        self._wolves = memory["wolves"]
 
 
 def produce(x: FloatArray, place: IntArray, *, threshold: float, t_max: int, rng: np.random.Generator) -> FloatArray:
@@ -298,19 +289,16 @@ class MOSSA(AskTellOptimizer):
     safety_threshold: ClassVar[float] = 0.8  # ST; Table 2 calls it R2
     producer_share: ClassVar[float] = 0.2  # PD, Table 2
     aware_share: ClassVar[float] = 0.1  # SD, Table 2
+    remembered: ClassVar[tuple[str, ...]] = ("ranks",)
 
-    _flock: Solutions
-    _ranks: IntArray
-
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.uniform(self._population_size, rng)
+    _ranks: IntArray  # (n,) front of each sparrow, 0 is the first
 
     def _move(self, rng: np.random.Generator) -> FloatArray:
         n, archive = self._population_size, self._archive
         order = self._by_fitness()
-        x, place = self._flock.x[order], np.arange(1, n + 1)
+        x, place = self._alive.x[order], np.arange(1, n + 1)
         last = np.flatnonzero(self._ranks == self._ranks.max())
-        worst = self._flock.x[last[rng.integers(0, len(last), n)]]
+        worst = self._alive.x[last[rng.integers(0, len(last), n)]]
         producers = max(1, round(self.producer_share * n))
 
         produced = produce(
@@ -335,23 +323,13 @@ class MOSSA(AskTellOptimizer):
         crowding = np.empty(self._population_size)
         for rank in range(int(self._ranks.max()) + 1):
             front = self._ranks == rank
-            crowding[front] = crowding_distance(self._flock.objectives[front])
+            crowding[front] = crowding_distance(self._alive.objectives[front])
         return np.lexsort((-crowding, self._ranks))
 
     def _learn(self, evaluated: Solutions) -> None:
-        alive = evaluated if self._iteration == 0 else self._flock.followed_by(evaluated)
+        alive = evaluated if self._iteration == 0 else self._alive.followed_by(evaluated)
         chosen, self._ranks = survivors(alive, self._population_size)
-        self._flock = alive.rows(chosen)
-
-    def _memory(self) -> dict[str, npt.NDArray[Any]]:
-        if self._iteration == 0:
-            return {}
-        flock = self._flock
-        return {"x": flock.x, "objectives": flock.objectives, "violations": flock.violations, "ranks": self._ranks}
-
-    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        self._flock = Solutions(memory["x"], memory["objectives"], memory["violations"])
-        self._ranks = memory["ranks"]
+        self._alive = alive.rows(chosen)
 
 
 def swim(
@@ -392,11 +370,9 @@ class MOWOA(AskTellOptimizer):
     """
 
     spiral: ClassVar[float] = 1.0  # b, as the original
+    remembered: ClassVar[tuple[str, ...]] = ("whales",)
 
     _whales: FloatArray  # (n, d) positions X(t)
-
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.uniform(self._population_size, rng)
 
     def _move(self, rng: np.random.Generator) -> FloatArray:
         n = self._population_size
@@ -408,12 +384,6 @@ class MOWOA(AskTellOptimizer):
     def _learn(self, evaluated: Solutions) -> None:
         self._whales = evaluated.x
 
-    def _memory(self) -> dict[str, npt.NDArray[Any]]:
-        return {} if self._iteration == 0 else {"whales": self._whales}
-
-    def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        self._whales = memory["whales"]
-
 
 class RandomSearch(AskTellOptimizer):
     """Independent uniform samples in every round, the floor that every other algorithm has to stand above.
@@ -421,7 +391,5 @@ class RandomSearch(AskTellOptimizer):
     See `AskTellOptimizer` for the arguments.
     """
 
-    def _sample(self, rng: np.random.Generator) -> FloatArray:
-        return self._box.uniform(self._population_size, rng)
-
-    _move = _sample
+    def _move(self, rng: np.random.Generator) -> FloatArray:
+        return self._sample(rng)
