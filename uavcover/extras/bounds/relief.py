@@ -281,7 +281,7 @@ def _highest_of_blocks(tops: NDArray[np.float64]) -> NDArray[np.float64]:
 def _farthest_in_square(
     e: float, n: float, u: float, i: int, j: int, side: float, top: float, tan_half_fov: float, reach: float
 ) -> float:
-    """How far away a place in a square sees a cell through a cone, at most; 0 where none does, or its top is NaN."""
+    """Largest distance at which a place in a square sees a cell through a cone; 0 where none does, or its top is NaN."""
     if math.isnan(top):
         return 0.0
     radius = min(reach, tan_half_fov * (top - u))
