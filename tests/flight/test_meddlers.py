@@ -1,19 +1,24 @@
 """A companion computer that speaks with the vehicle's system id decides nothing, whatever it says."""
 
 import random
+from collections.abc import Callable
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.enums import LandedState
 from mission_io.wire import messages as m
+from mission_io.wire.codec import Codec
 from sitl_tests.meddler import LIES, Lie, Meddler
-from tests.flight.scene import Scene, make_scene, mission, presses
+from tests.flight.scene import HOME, Scene, make_scene, mission, presses
+from uavcover.flight.monitor import Monitor
+from uavcover.flight.orders import FlightTimeouts
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.server import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.model.track import Ending, EventKind
+from uavcover.model.track import Ending, EventKind, FlightFailedError
 
 
 class MeddledPeer(InMemoryPeer):
@@ -125,3 +130,52 @@ def test_ctrl_c_while_the_autopilot_says_on_ground_in_the_air_disarms_nothing(au
     outcome = scene.fly(stop=presses(scene, 35.0))
     assert outcome.ending in (Ending.RETURNED, Ending.LEFT_HOLDING)
     assert told == [] or all(told)
+
+
+class Namesake(InMemoryPeer):
+    """A vehicle, and messages of another one with its system ID."""
+
+    def __init__(self, vehicle: MockVehicle, words: Callable[[float], list[m.Message]], *, speed: float) -> None:
+        super().__init__(vehicle, speed=speed)
+        self._words, self._codec = words, Codec(system_id=1, component_id=1)
+
+    def datagrams_to_send(self, now: float) -> list[bytes]:
+        return [*super().datagrams_to_send(now), *map(self._codec.encode, self._words(now))]
+
+
+def beside_a_namesake(words: Callable[[float], list[m.Message]]) -> Scene:
+    scene = make_scene(ARDUPILOT, make_peer=lambda vehicle, speed: Namesake(vehicle, words, speed=speed))
+    scene.upload(mission())
+    return scene
+
+
+def test_one_disarmed_heartbeat_of_another_vehicle_ends_no_flight():
+    """It was 'disarmed in the air', and the flight was no longer followed."""
+    beats = [m.Heartbeat(3, 2)]
+    scene = beside_a_namesake(lambda now: [beats.pop()] if beats and now > 40.0 else [])
+    assert scene.fly().ending is Ending.LANDED
+    assert not beats
+
+
+def test_two_clocks_under_one_system_id_are_told():
+    sent = [0.0]
+
+    def later(now: float) -> list[m.Message]:
+        if now - sent[-1] < 0.05:
+            return []
+        sent.append(now)
+        return [m.GlobalPositionInt(500.0 + now, HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m, 0.0, 0.0, 0.0, 0.0, None)]
+
+    with pytest.raises(FlightFailedError, match=r"position messages with agreeing times \(two vehicles may share"):
+        beside_a_namesake(later).fly(timeouts=FlightTimeouts(ready_s=15.0))
+
+
+def test_latitude_and_longitude_0_are_no_position():
+    """They were recorded, and a return was planned from there."""
+    monitor = Monitor()
+    monitor.listen_to(m.Address(1, 1))
+    for now in np.arange(9.0, 10.0, 0.1).tolist():
+        nowhere = m.GlobalPositionInt(now, 0.0, 0.0, 312.5, 0.0, 0.0, 0.0, 0.0, None)
+        monitor(m.Received(nowhere, 1, 1), now)
+    assert monitor.time_s == pytest.approx(9.9)
+    assert monitor.latest(m.GlobalPositionInt) is None

@@ -178,7 +178,8 @@ def missing(session: Session) -> list[str]:
     if status is None or (status.sensors_present & checked and not status.sensors_healthy & checked):
         lacks.append("passed pre-arm check")
     if monitor.latest(m.GlobalPositionInt) is None:
-        lacks.append("position messages")
+        shared = " with agreeing times (two vehicles may share this system ID)" if monitor.doubts_positions else ""
+        lacks.append(f"position messages{shared}")
     return lacks
 
 

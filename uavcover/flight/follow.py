@@ -84,9 +84,7 @@ def follow_mission(
             session.tell(EventKind.STOP, why)
             raise Stopped(Ending.RESERVE_KEPT)
 
-    while session.client.vehicle.armed:
-        follower.step(look)
-    follower.settle()
+    _until_disarmed(session, follower, look)
     progress.update()
     guard.look_once_more()
     if preconditions is not None:
@@ -153,10 +151,22 @@ def _follow_to_the_ground(
             falls.look()
         meanwhile()
 
-    while session.client.vehicle.armed:
+    _until_disarmed(session, follower, look)
+    return _fallen(session, follower)
+
+
+def _until_disarmed(session: Session, follower: Follower, look: Callable[[], None]) -> None:
+    while session.client.vehicle.armed or not _stays_disarmed(session):
         follower.step(look)
     follower.settle()
-    return _fallen(session, follower)
+
+
+def _stays_disarmed(session: Session) -> bool:
+    """Whether a second heartbeat says that a vehicle in the air is disarmed: the first may be another vehicle's."""
+    beat_s, again = session.monitor.arrived_at_s(m.Heartbeat), Timer(session, FOLLOWING.second_beat_s)
+    while session.monitor.on_ground is False and session.monitor.arrived_at_s(m.Heartbeat) == beat_s and not again.over:
+        session.pump()
+    return not session.client.vehicle.armed
 
 
 def follow_taken(session: Session) -> None:

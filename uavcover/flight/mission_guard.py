@@ -301,6 +301,8 @@ class MissionGuard:
         """Look whether the vehicle is near its leg; called in the air, in its mission, a hold or an unknown mode."""
         session, off_m = self._session, self._progress.off_leg_m
         watch = session.watch
+        if watch.is_open(Ending.POSITION_LOST):
+            return  # the leg goes on, the last known place does not
         if off_m <= GUARD.off_route_radii * self._plan.acceptance_radius_m:
             self._off_route = None
             for kind in (Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS):

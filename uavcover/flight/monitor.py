@@ -241,6 +241,11 @@ class Monitor:
         """When the latest message of a kind arrived, on the link's clock; infinitely long ago before the first."""
         return self._arrived_at_s.get(kind, -math.inf)
 
+    @property
+    def doubts_positions(self) -> bool:
+        """Whether positions arrive whose times contradict each other, as those of two vehicles with one system ID."""
+        return self._doubted_since_s is not None
+
     def has_gap(self, now: float) -> bool:
         """Whether the silence at ``now`` on the link's clock is a gap, after which the vehicle's state is unknown."""
         return now - self.heard_at_s > MONITOR.gap_s
@@ -291,6 +296,8 @@ class Monitor:
         """Take a message of the vehicle that is believed."""
         if isinstance(message, m.GlobalPositionInt):
             self._doubted_since_s = None
+            if message.lat_deg == 0.0 and message.lon_deg == 0.0:
+                return  # how autopilots say that they do not know where they are
         self.counts[type(message)] += 1
         self._latest[type(message)] = message
         self._arrived_at_s[type(message)] = now

@@ -26,6 +26,7 @@ class _Following:
     moved_m: float
     going_on_s: float
     evidence_s: float
+    second_beat_s: float
     most_holds: int
     comes_to_rest_s: float
     look_s: float

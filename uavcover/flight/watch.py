@@ -294,11 +294,13 @@ class Watch:
             return
         heard_at = max(self._monitor.position_at_s, self._monitor.gap_ended_at_s)  # stamps are doubted after a gap
         if now - heard_at > self._timeouts.deadman_s:
-            self.open(
-                Ending.POSITION_LOST,
-                f"no position for {now - heard_at:.1f} s, although other messages are arriving",
-                now - heard_at,
-            )
+            text = f"no position for {now - heard_at:.1f} s, although other messages are arriving"
+            if self._monitor.doubts_positions:
+                text = (
+                    f"no position for {now - heard_at:.1f} s whose time agrees with the others; two vehicles may share "
+                    f"system ID {self._client.vehicle.system_id}"
+                )
+            self.open(Ending.POSITION_LOST, text, now - heard_at)
         elif self.is_open(Ending.POSITION_LOST):
             self.close(Ending.POSITION_LOST, "receiving positions again")
 
