@@ -72,11 +72,8 @@ class Solutions:
 
     def followed_by(self, other: "Solutions") -> "Solutions":
         """These rows, then those of ``other``."""
-        return Solutions(
-            np.concatenate([self.x, other.x]),
-            np.concatenate([self.objectives, other.objectives]),
-            np.concatenate([self.violations, other.violations]),
-        )
+        pairs = zip(self.columns.values(), other.columns.values(), strict=True)
+        return Solutions(*map(np.concatenate, pairs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +147,6 @@ class Archive:
     solutions: Solutions
     capacity: int
 
-    def __len__(self) -> int:
-        return len(self.solutions)
-
     def with_evaluated(self, evaluated: Solutions) -> "Archive":
         """The archive after new rows: dominated rows and repetitions of both x and objectives dropped, then thinned.
 
@@ -175,14 +169,13 @@ class Archive:
 
     def leaders(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Decision vectors ``(count, d)``, each the less crowded of two drawn at random."""
-        one, other = rng.integers(0, len(self), size=(2, count))
+        one, other = rng.integers(0, len(self.solutions), size=(2, count))
         less_crowded = np.where(self.crowding[one] >= self.crowding[other], one, other)
         return np.asarray(self.solutions.x[less_crowded])
 
     def pareto_set(self) -> ParetoSet:
         """Content of the archive, as a result."""
-        best = self.solutions
-        return ParetoSet(best.x, best.objectives, best.violations, feasible=not best.total_violation.any())
+        return ParetoSet(**self.solutions.columns, feasible=not self.solutions.total_violation.any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,7 +262,6 @@ class AskTellOptimizer(AskAndTell, ABC):
     smallest_population: ClassVar[int] = 1
     most_objectives: ClassVar[int | None] = None  # no limit
     remembered: ClassVar[tuple[str, ...]] = ()  # arrays between rounds: "ranks" is the attribute _ranks
-
     _alive: Solutions  # the solutions between rounds of an algorithm that has some beside the archive
 
     def __init__(
@@ -435,9 +427,7 @@ class AskTellOptimizer(AskAndTell, ABC):
 
     def _checked_starts(self, initial: npt.ArrayLike | None) -> FloatArray:
         d = self._box.n_variables
-        if initial is None:
-            return np.empty((0, d))
-        starts = finite_array(initial, "initial")
+        starts = finite_array(np.empty((0, d)) if initial is None else initial, "initial")
         if starts.ndim != 2 or starts.shape[1] != d or len(starts) > self._population_size:
             raise OptimizerError(
                 f"initial: the shape is {starts.shape}; use (k, {d}) with k <= population_size = {self._population_size}"
