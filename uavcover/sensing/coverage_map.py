@@ -273,7 +273,8 @@ class CoverageMap:
             if todo.size == 0:
                 break
             over = self.grid.cells.centre_m[cells[todo], :2] + np.array(offset_m)
-            low, high = self._allowed_ups_m(over)
+            allowed, low, high = self._allowed_ups_m(over)
+            todo, over = todo[allowed], over[allowed]
             for place in places:
                 eyes = np.column_stack([over, low + place.band_share * (high - low)])
                 eyes[times[todo] == wanted.looks] = np.nan
@@ -300,20 +301,22 @@ class CoverageMap:
         """
         return SameCells(self, site, coverable=coverable)
 
-    def _allowed_ups_m(self, east_north_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) lowest and highest up coordinate allowed above (k, 2) points, obstacles aside; NaN where nothing is allowed."""
+    def _allowed_ups_m(self, east_north_m: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
+        """(k,) whether a position above each of (k, 2) points is allowed, obstacles aside; there, the lowest and highest up."""
         limits = self.site.scenario.limits
-        low = self.site.ground.ups_m(east_north_m, limits.min_height_agl_m)
-        high = self.site.ground.ups_m(east_north_m, limits.max_height_agl_m)
+        inside = shapely.intersects_xy(flyable_area(self.site).polygon, east_north_m[:, 0], east_north_m[:, 1])
+        over = east_north_m[inside]
+        low = self.site.ground.ups_m(over, limits.min_height_agl_m)
+        high = self.site.ground.ups_m(over, limits.max_height_agl_m)
         if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
             # Sea level in the local frame: up minus height above sea level, at the position itself.
-            ground = self.site.ground.heights_m(east_north_m)
-            sea = ground - self.site.alts_amsl_m(np.column_stack([east_north_m, ground]))
+            ground = self.site.ground.heights_m(over)
+            sea = ground - self.site.alts_amsl_m(np.column_stack([over, ground]))
             low = np.maximum(low, -np.inf if limits.min_alt_amsl_m is None else limits.min_alt_amsl_m + sea)
             high = np.minimum(high, np.inf if limits.max_alt_amsl_m is None else limits.max_alt_amsl_m + sea)
-        inside = shapely.intersects_xy(flyable_area(self.site).polygon, east_north_m[:, 0], east_north_m[:, 1])
-        allowed = (low <= high) & inside
-        return np.where(allowed, low, np.nan), np.where(allowed, high, np.nan)
+        allowed: BoolArray = low <= high
+        inside[inside] = allowed
+        return inside, low[allowed], high[allowed]
 
 
 class SameCells(CoverageMap):
