@@ -91,6 +91,10 @@ def improve(
     if all(start.seen < goal for start in starts):
         mended = _mended_starts(coverage, candidates, lambda: effort.is_over(run.started, share=SHARES.mended))
         starts += mended
+    if mended:
+        best = max(mended, key=lambda start: start.seen)
+        seen = best.seen * coverage.share(coverage.coverable)
+        run.on_progress(SearchProgress(evaluations_done, effort.evaluations, seen, None, best.route))
     kept = [start.route for start in mended]
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved(tuple(kept), 0, interrupted=False)
@@ -203,8 +207,8 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
     ]
 
 
-_MOST_MENDED = 3
-_SEES_MOST = 0.9
+_MOST_MENDED = 6
+_SEES_MOST = 0.5
 """Routes that see at least this share of the most are mended, those that break the limits by the least first."""
 
 
