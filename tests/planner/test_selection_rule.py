@@ -5,7 +5,15 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.model.route import MissionSize, Route, RouteMember, RouteMetrics
-from uavcover.planner.selection_rule import Choice, Condition, parse_rule, select, select_flown, without_flukes
+from uavcover.planner.selection_rule import (
+    Choice,
+    Condition,
+    missing_index,
+    parse_rule,
+    select,
+    select_flown,
+    without_flukes,
+)
 
 
 def member(coverage: float, waypoints: int, length_m: float, origin: str = "test") -> RouteMember:
@@ -98,8 +106,13 @@ def test_words_that_are_no_rule(text: str) -> None:
 
 
 def test_an_index_outside_the_set_and_an_empty_set() -> None:
-    with pytest.raises(InputError, match=r"index:4 does not exist; the set has the members 0 to 3"):
-        select(MEMBERS, parse_rule("index:4"))
+    """A plan is not lost for it: it writes the route with the most coverage."""
+    choice = select(MEMBERS, parse_rule("index:4"))
+    assert (choice.index, choice.met) == (select(MEMBERS, parse_rule("max-coverage")).index, False)
+    assert missing_index(parse_rule("index:3"), len(MEMBERS)) is None
+    assert (
+        missing_index(parse_rule("index:4"), len(MEMBERS)) == "index:4 does not exist; the set has the members 0 to 3"
+    )
     with pytest.raises(InputError, match="empty"):
         select([], parse_rule("knee"))
 

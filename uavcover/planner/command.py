@@ -39,7 +39,7 @@ from uavcover.planner.plan_words import (
     telling_bounds,
 )
 from uavcover.planner.planner import SearchProgress
-from uavcover.planner.selection_rule import Rule, parse_rule, select, with_sizes
+from uavcover.planner.selection_rule import Rule, missing_index, parse_rule, select, with_sizes
 from uavcover.plugins import loaded
 from uavcover.run.documents import bounds_in_words, read_plan_document
 from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
@@ -335,6 +335,8 @@ def choose(
     members = read_members(run, site)
     document = run.read_json("plan.json", made_by="uavcover plan")
     choice = select(members, rule)
+    if missing := missing_index(rule, len(members)):
+        raise InputError(f"select: {missing}")
     chosen = members[choice.index]
     try:
         result = Plan(

@@ -12,7 +12,7 @@ from uavcover.model.limits import FlightLimits, window_in_words
 from uavcover.model.route import Plan, RouteMember, RouteMetrics
 from uavcover.model.scenario import Objective
 from uavcover.planner.planner import SearchProgress
-from uavcover.planner.selection_rule import parse_rule, select
+from uavcover.planner.selection_rule import missing_index, parse_rule, select
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
@@ -116,7 +116,10 @@ def say_plan(
     for line in bounds:
         user.say(line)
     if not result.rule_met:
-        user.warn(f"no route meets {asked}; wrote the best one. Lower the requirement, or use a larger --budget")
+        if missing := missing_index(parse_rule(result.rule), len(result.members)):
+            user.warn(f"{missing}; wrote the route with the most coverage. To choose another, use: uavcover select")
+        else:
+            user.warn(f"no route meets {asked}; wrote the best one. Lower the requirement, or use a larger --budget")
     if result.interrupted:
         user.warn(f"interrupted; the best route so far was written to {run}")
 

@@ -140,10 +140,10 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     ``knee``: nearest to the ideal point after the same scaling. Both look at whole routes: parts of them lie on a straight line
     to nothing, and would make a knee of what sees half. ``max-coverage``: most coverage, then least cost.
     ``coverage>=X``: the one of least cost (by default: the shortest) that reaches X of what is coverable; when none does, as
-    ``max-coverage`` and not met. Conditions are not looked at: :func:`select_flown` does.
+    ``max-coverage`` and not met; so does an ``index`` outside the set. Conditions are not looked at: :func:`select_flown` does.
 
     Raises:
-        InputError: ``index`` outside the set, or an empty set.
+        InputError: an empty set.
     """
     return _select(members, rule, [member.metrics.cost for member in members])
 
@@ -159,7 +159,7 @@ def select_flown(members: Sequence[RouteMember], rule: Rule, *, soonest: bool) -
         soonest: whether the cost of a route is when all vehicles are done with it.
 
     Raises:
-        InputError: ``index`` outside the set, or an empty set.
+        InputError: an empty set.
     """
     excess = [math.fsum(each.excess(member.mission) for each in rule.conditions) for member in members]
     fewest = min(excess, default=0.0)
@@ -179,19 +179,25 @@ def _select(members: Sequence[RouteMember], rule: Rule, costs: Sequence[float]) 
     cost = np.array(costs)
     if rule.kind == "index":
         index = int(rule.numbers[0])
-        if index >= len(members):
-            raise InputError(f"select: index:{index} does not exist; the set has the members 0 to {len(members) - 1}")
-        return Choice(index, met=True)
+        if index < len(members):
+            return Choice(index, met=True)
     if rule.kind == "coverage":
         enough = np.flatnonzero(coverage >= rule.numbers[0])
         if enough.size:
             return Choice(int(enough[np.lexsort((-coverage[enough], cost[enough]))[0]]), met=True)
-    if rule.kind in {"coverage", "max-coverage"}:
+    if rule.kind in {"coverage", "max-coverage", "index"}:
         return Choice(int(np.lexsort((cost, -coverage))[0]), met=rule.kind == "max-coverage")
     whole = [k for k, member in enumerate(members) if not member.is_part] or list(range(len(members)))
     scaled = _scaled([members[k] for k in whole])
     worth = scaled @ np.array(rule.numbers) if rule.kind == "weighted" else (scaled**2).sum(axis=1)
     return Choice(whole[int(np.argmin(worth))], met=True)
+
+
+def missing_index(rule: Rule, members: int) -> str | None:
+    """That a rule names a number which is not in the set of members, in words; None for any other rule."""
+    if rule.kind != "index" or rule.numbers[0] < members:
+        return None
+    return f"{rule.text} does not exist; the set has the members 0 to {members - 1}"
 
 
 _FLUKE = 0.0015
