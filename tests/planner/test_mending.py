@@ -11,6 +11,7 @@ from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.planner import Effort, plan_routes
+from uavcover.planner.search import mending
 from uavcover.planner.search.mending import mended_routes
 from uavcover.planner.search.route_problem import route_problem, share_seen
 from uavcover.sensing.site_maps import planning_map
@@ -88,6 +89,24 @@ def test_mended_lines_keep_the_limits_and_see_the_ground(ups):
     (found,) = mended(site, lines.waypoints_m)
     assert violations(site, found) == 0.0
     assert share_seen(Route(found), coverage) > 0.5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ways_that_lead_along_other_stretches_keep_the_limits(seed, monkeypatch):
+    """Between steep waves, and on a wide lattice, some stretches are the only way to others."""
+    monkeypatch.setattr(mending, "_SPOTS", 120)
+    rng = np.random.default_rng(seed)
+    waves = rng.uniform(-1.0, 1.0, (12, 2)) / 40.0
+    phases = rng.uniform(0.0, 2.0 * np.pi, 12)
+
+    def waved(east, north):
+        return sum(9.0 * np.sin(e * east + n * north + phase) for (e, n), phase in zip(waves, phases, strict=True))
+
+    site = make_site(waved, limits={"max_height_agl_m": 54.0, "height_margin_m": 3.0, "max_climb_angle_deg": 8.0})
+    for turn_rad in (0.0, 0.8, 1.6):
+        route = fly_layout(site, dataclasses.replace(plain_boustrophedon(site), angle_rad=turn_rad))
+        for found in mended(site, route.waypoints_m):
+            assert violations(site, found) == 0.0
 
 
 def test_a_search_begins_with_them_where_no_line_keeps_the_limits():

@@ -130,7 +130,13 @@ class _Lattice:
             way = [int(stays[k, 0])]
             while way[-1] != stays[last, 1]:
                 way.append(int(before[row, way[-1]]))
-            out += [self._with_few_corners(places_m[way[::-1]])[1:-1], stretches[k]]
+            between = [places_m[way[-1:]]]
+            for a, b in itertools.pairwise(way[::-1]):
+                if min(a, b) >= first and (a - first) // 2 == (b - first) // 2:
+                    # Another stretch is the way.
+                    between.append(stretches[(a - first) // 2][1:-1][:: 1 if a < b else -1])
+                between.append(places_m[[b]])
+            out += [self._with_few_corners(np.vstack(between))[1:-1], stretches[k]]
         return np.vstack(out)
 
     def _with_few_corners(self, way_m: FloatArray) -> FloatArray:
