@@ -9,11 +9,11 @@ import pytest
 from tests.planner.sites import flat, make_site
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
+from uavcover.planner import terrain_following
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.planner import Effort, plan_routes
-from uavcover.planner.search import mending
-from uavcover.planner.search.mending import mended_routes
 from uavcover.planner.search.route_problem import route_problem, share_seen
+from uavcover.planner.terrain_following import mended_routes
 from uavcover.sensing.site_maps import planning_map
 
 LIMITS = {"max_height_agl_m": 60.0, "max_climb_angle_deg": 15.0}
@@ -94,7 +94,7 @@ def test_mended_lines_keep_the_limits_and_see_the_ground(ups):
 @pytest.mark.parametrize("seed", range(4))
 def test_ways_that_lead_along_other_stretches_keep_the_limits(seed, monkeypatch):
     """Between steep waves, and on a wide lattice, some stretches are the only way to others."""
-    monkeypatch.setattr(mending, "_SPOTS", 120)
+    monkeypatch.setattr(terrain_following, "_SPOTS", 120)
     rng = np.random.default_rng(seed)
     waves = rng.uniform(-1.0, 1.0, (12, 2)) / 40.0
     phases = rng.uniform(0.0, 2.0 * np.pi, 12)

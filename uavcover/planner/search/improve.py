@@ -32,7 +32,6 @@ from uavcover.planner.search.local_search import (
     finest_problem,
     search_problem,
 )
-from uavcover.planner.search.mending import mended_routes
 from uavcover.planner.search.optimizer_search import Effort, SearchProgress, SearchRun
 from uavcover.planner.search.route_problem import (
     MOST_WAYPOINTS,
@@ -46,6 +45,7 @@ from uavcover.planner.search.route_problem import (
 from uavcover.planner.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planner.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planner.selection_rule import Rule
+from uavcover.planner.terrain_following import mended_routes
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.flown_line import line_flown, pictures_on, places_passed_m
