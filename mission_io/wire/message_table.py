@@ -355,7 +355,7 @@ ROWS: Final[tuple[MessageRow, ...]] = (
     _row(m.MissionClearAll, "mission_clear_all", *_TO, "mission_type"),
     _row(m.MissionSetCurrent, "mission_set_current", *_TO, "seq"),
     _row(
-        m.AutopilotVersion, "autopilot_version", "capabilities", "flight_sw_version", "uid",
+        m.AutopilotVersion, "autopilot_version", "capabilities", "flight_sw_version", "uid", "uid2",
         middleware_sw_version=0, os_sw_version=0, board_version=0, flight_custom_version=(0,) * 8,
         middleware_custom_version=(0,) * 8, os_custom_version=(0,) * 8, vendor_id=0, product_id=0,
     ),

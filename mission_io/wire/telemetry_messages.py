@@ -109,11 +109,12 @@ class ExtendedSysState(Message):
 
 @dataclass(frozen=True, slots=True)
 class AutopilotVersion(Message):
-    """Capabilities (MAV_PROTOCOL_CAPABILITY bits) and release of the autopilot."""
+    """Capabilities (MAV_PROTOCOL_CAPABILITY bits), release and hardware number; ArduPilot reports only ``uid2``."""
 
     capabilities: int
     flight_sw_version: int = 0
     uid: int = 0
+    uid2: tuple[int, ...] = (0,) * 18  # 18 bytes
 
 
 PREARM_CHECK_BIT = 0x10000000

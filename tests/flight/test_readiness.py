@@ -46,7 +46,9 @@ def status(present: int, healthy: int) -> m.SysStatus:
 
 def lacked(*told: m.Message, ardupilot: bool = True) -> list[str]:
     heard = {type(message): message for message in told}
-    return missing(SimpleNamespace(monitor=SimpleNamespace(latest=heard.get), is_ardupilot=ardupilot))
+    return missing(
+        SimpleNamespace(monitor=SimpleNamespace(latest=heard.get, doubts_positions=False), is_ardupilot=ardupilot)
+    )
 
 
 READY = (fix(3), m.EkfStatusReport(GOOD_FILTER), status(CHECKS, CHECKS), PLACE)

@@ -55,7 +55,7 @@ SAMPLES: list[m.Message] = [
     m.MissionRequestList(1, 1, 2),
     m.MissionClearAll(1, 1, 255),
     m.MissionSetCurrent(1, 1, 9),
-    m.AutopilotVersion(2**63 + 5, 0x04070000, 2**64 - 1),
+    m.AutopilotVersion(2**63 + 5, 0x04070000, 2**64 - 1, tuple(range(1, 19))),
     m.SetMode(1, 209, 4),
     m.ParamRequestRead(1, 1, "SIXTEEN_LETTERS_"),
     m.ParamSet(1, 1, "FENCE_ALT_MAX", 120.5),

@@ -16,7 +16,7 @@ from mission_io.model.items import Command, GeoPoint, MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.messages import MissionCurrent
 from uavcover.errors import VehicleError
-from uavcover.flight.orders import PREPARATION, FlightPlan
+from uavcover.flight.orders import PREPARATION, FlightPlan, require_one_vehicle
 from uavcover.flight.session import (
     Session,
     Stopped,
@@ -140,6 +140,7 @@ def wait_until_ready(session: Session) -> None:
         ending=Ending.NOT_READY,
     )
     check_telemetry(session)
+    require_one_vehicle(session.client, session.monitor)
     session.tell(EventKind.STAGE, "the vehicle is ready")
 
 
@@ -266,6 +267,7 @@ def arm_and_start(session: Session) -> None:
         mission_io.errors.CommandRefusedError: it refuses another step.
         Stopped: the user asked to stop; it may be armed.
     """
+    require_one_vehicle(session.client, session.monitor)
     first = first_seq(session)
     session.prepare(lambda: set_current_item(session, first))
     if session.stop():

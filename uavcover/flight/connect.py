@@ -17,10 +17,10 @@ from mission_io.model.items import GeoPoint
 from mission_io.model.plain_text import counted
 from mission_io.protocol.terrain import Heights, Place, TerrainAnswers
 from mission_io.protocol.timing import Timing
-from mission_io.wire.messages import ExtendedSysState, GlobalPositionInt
+from mission_io.wire.messages import AutopilotVersion, ExtendedSysState, GlobalPositionInt
 from uavcover.errors import InputError, TerrainError
 from uavcover.flight.monitor import Monitor, open_vehicle
-from uavcover.flight.orders import require_answers, require_multirotor
+from uavcover.flight.orders import require_answers, require_multirotor, require_one_vehicle
 from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
@@ -39,6 +39,7 @@ from uavcover.terrain.terrain_source import TerrainSource
 _log = logging.getLogger(__name__)
 _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
 """Timeout and interval of the question to an armed vehicle whether it stands on the ground."""
+_SECOND_ANSWER_S = 0.2
 
 ClientName = Literal["native", "mavsdk"]
 """Who conducts transfers and commands."""
@@ -136,17 +137,30 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
             # Who receives them keeps the time of the last message for each link id: clients side by side need their own.
             client.sign_with(at.signing_key, link_id=0 if share is None or at.system_id is None else at.system_id)
         vehicle = client.wait_for_vehicle(at.timeout_s, system_id=at.system_id, component_id=at.component_id)
+        monitor.listen_to(vehicle.address)
         if site is not None:
             require_multirotor(client)
             answer_from_site(client, site)
             require_answers(client)
-        monitor.listen_to(vehicle.address)
+            _ask_who_answers(client)
+            require_one_vehicle(client, monitor)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"
         try:
             yield Connected(client, monitor, own, link, at.url)
         except (VehicleSilentError, TransferSilentError):
             require_answers(client)  # a vehicle that answers nothing at all has a reason of its own
             raise
+
+
+def _ask_who_answers(client: Client) -> None:
+    """Ask for the hardware number, and listen for a second answer; not every autopilot answers."""
+    try:
+        client.request_message(AutopilotVersion, timeout_s=_SECOND_ANSWER_S)
+    except VehicleSilentError:
+        return
+    until_s = client.clock.now() + _SECOND_ANSWER_S
+    while client.clock.now() < until_s:
+        client.poll(_SECOND_ANSWER_S)
 
 
 def home_of(site: Site) -> GeoPoint | None:

@@ -5,6 +5,7 @@ derives vehicle time from the time stamps of the messages: a single wrong stamp 
 """
 
 import math
+from bisect import insort
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from mission_io.data_tables import data_table
 from mission_io.links.datagrams import Link
 from mission_io.links.opening import open_link
 from mission_io.model.enums import MissionResult, MissionState
-from mission_io.model.items import MissionType
+from mission_io.model.items import MissionType, ground_distance_m
 from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address, StatusText
@@ -34,6 +35,9 @@ class _Monitor:
     gap_s: float
     max_terrain_asked: int
     doubt_s: float
+    places_s: float
+    apart_m: float
+    returns: int
 
 
 MONITOR = data_table(_Monitor, "uavcover/data/flight.toml", "monitor")
@@ -135,6 +139,47 @@ class VehicleClock:
         return len(self._doubted) < 2 or 0.5 <= gap_s / max(before_s - self._doubted[-2][0], 1e-3) <= 2.0
 
 
+class TwoPlaces:
+    """Finds positions that go back and forth between two places, as those of two vehicles with one system ID do.
+
+    They are ordered by vehicle time: what a link loses, repeats or reorders is no jump. Sequence numbers cannot tell: one vehicle
+    behind two links counts twice.
+
+    Attributes:
+        apart_m: distance between the two places; None while the positions are those of one vehicle.
+    """
+
+    def __init__(self) -> None:
+        self.apart_m: float | None = None
+        self._recent: list[m.GlobalPositionInt] = []
+
+    def take(self, here: m.GlobalPositionInt) -> None:
+        """Take a position."""
+        recent = self._recent
+        insort(recent, here, key=lambda position: position.time_boot_s)
+        while recent[-1].time_boot_s - recent[0].time_boot_s > MONITOR.places_s:
+            recent.pop(0)
+        if self.apart_m is None and here is recent[-1] and not _jumped_m(*recent[-2:]):
+            return
+        jumps = [pair for pair in pairwise(recent) if _jumped_m(*pair)]
+        returns = [
+            before
+            for before, after in pairwise(jumps)
+            if 2.0 * ground_distance_m(before[0].lat_deg, before[0].lon_deg, after[1].lat_deg, after[1].lon_deg)
+            < _jumped_m(*before)
+        ]
+        self.apart_m = _jumped_m(*returns[-1]) if len(returns) >= MONITOR.returns else None
+
+
+def _jumped_m(before: m.GlobalPositionInt, here: m.GlobalPositionInt | None = None) -> float:
+    """Distance between two positions; 0 for what their speeds explain."""
+    if here is None:
+        return 0.0
+    moved_m = ground_distance_m(before.lat_deg, before.lon_deg, here.lat_deg, here.lon_deg)
+    speed_m_s = max(math.hypot(p.velocity_north_m_s, p.velocity_east_m_s) for p in (before, here))
+    return moved_m if moved_m > MONITOR.apart_m + 1.5 * speed_m_s * (here.time_boot_s - before.time_boot_s) else 0.0
+
+
 MessageT = TypeVar("MessageT", bound=m.Message)
 
 
@@ -149,6 +194,8 @@ class Monitor:
         events: PX4's events that nothing has taken yet.
         other_texts: lines of other components of its system, each with the component's number.
         ground: what tells whether it stands on the ground.
+        places: whether its positions are those of two vehicles.
+        uids: hardware numbers in its answers, the older and the newer field of each; 0 is none.
         position_at_s: when the latest position arrived, on the link's clock.
         heard_at_s: when anything of the vehicle arrived last, on the link's clock; infinitely long ago before the first.
         gap_ended_at_s: when the vehicle was heard again after the last gap, on the link's clock; see ``has_gap``.
@@ -173,6 +220,8 @@ class Monitor:
         self.events: deque[m.Event] = deque(maxlen=100)
         self.other_texts: deque[tuple[int, m.StatusText]] = deque(maxlen=100)
         self.ground = GroundContact()
+        self.places = TwoPlaces()
+        self.uids: set[tuple[int, int]] = set()
         self.position_at_s: float | None = None
         self.heard_at_s = self.gap_ended_at_s = -math.inf
         self.gap_s = 0.0
@@ -205,6 +254,7 @@ class Monitor:
         if self._vehicle != vehicle:
             self._latest.clear()
             self.ground.forget()
+            self.places, self.uids = TwoPlaces(), set()
             self._time.begin()
             self._doubted.clear()
             self.photos_taken = None
@@ -312,6 +362,7 @@ class Monitor:
             case m.GlobalPositionInt():
                 self.position_at_s = now
                 self.ground.take_position(message)
+                self.places.take(message)
                 if self.on_position is not None:
                     self.on_position(message)
             case m.MissionAck(result=MissionResult.ACCEPTED, mission_type=MissionType.MISSION):
@@ -334,6 +385,8 @@ class Monitor:
                 self.reached = max(self.reached, message.seq)
             case m.TerrainRequest() if len(self.terrain_asked) < MONITOR.max_terrain_asked:
                 self.terrain_asked.add(message)
+            case m.AutopilotVersion():
+                self.uids.add((message.uid, int.from_bytes(message.uid2, "big")))
             case m.Event():
                 self.events.append(message)
             case m.StatusText():
@@ -346,6 +399,7 @@ class Monitor:
         if self._time.restarted and not restarted:
             self._latest.clear()
             self.ground.forget()
+            self.places = TwoPlaces()
         return believed
 
     def _doubt(self, message: m.Message, now: float) -> None:

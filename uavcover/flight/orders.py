@@ -23,6 +23,7 @@ from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionIte
 from mission_io.wire import messages as m
 from uavcover.errors import InputError, VehicleError
 from uavcover.flight.ground_contact import GroundAt
+from uavcover.flight.monitor import Monitor
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace
 from uavcover.missions.return_advice import OwnReturns
@@ -419,3 +420,21 @@ def require_answers(client: Client) -> None:
             f"{own}){client.signing_advice()}; it may accept only one ground station (MAV_OPTIONS 1, SYSID_ENFORCE): "
             f"set --own-system to its MAV_GCS_SYSID (SYSID_MYGCS), or set that parameter to {own}"
         )
+
+
+def require_one_vehicle(client: Client, monitor: Monitor) -> None:
+    """Refuse two vehicles that share one system ID, by what was heard so far: each command would go to both.
+
+    Raises:
+        VehicleError: answers have two hardware numbers, or positions go back and forth between two places.
+    """
+    if monitor.places.apart_m is not None:
+        found = f"its positions alternate between two places {monitor.places.apart_m:.0f} m apart"
+    elif any(len({uid for uid in uids if uid}) > 1 for uids in zip(*monitor.uids, strict=True)):
+        found = "it answers with different hardware IDs (UID of AUTOPILOT_VERSION)"
+    else:
+        return
+    raise VehicleError(
+        f"two vehicles share system ID {client.vehicle.system_id}: {found}, and each command would go to both, so "
+        "nothing was uploaded or armed; change the system ID of one of them"
+    )

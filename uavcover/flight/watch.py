@@ -301,6 +301,12 @@ class Watch:
                     f"system ID {self._client.vehicle.system_id}"
                 )
             self.open(Ending.POSITION_LOST, text, now - heard_at)
+        elif (apart_m := self._monitor.places.apart_m) is not None:
+            text = (
+                f"positions alternate between two places {apart_m:.0f} m apart: the vehicle's position is not known, or two "
+                f"vehicles share system ID {self._client.vehicle.system_id}"
+            )
+            self.open(Ending.POSITION_LOST, text, apart_m)
         elif self.is_open(Ending.POSITION_LOST):
             self.close(Ending.POSITION_LOST, "receiving positions again")
 
