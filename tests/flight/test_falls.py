@@ -12,6 +12,7 @@ from mission_io.model.items import Frame, Mission, change_speed, land, takeoff, 
 from mission_io.wire import messages as m
 from tests.flight.scene import HOME, Scene, above_home, geodetic, make_scene, plan_for, presses
 from tests.flight.test_faults import ended, faulty_scene
+from uavcover.flight.monitor import Monitor
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.flight_control import FlightControl
 from uavcover.model.track import Ending
@@ -210,3 +211,36 @@ def test_silence_after_the_disarm_is_a_crash_where_it_was_high():
     outcome, text = ended(scene)
     assert outcome.ending is Ending.CRASHED
     assert "m above home" in text
+
+
+def heard_as(monkeypatch, change):
+    """What the vehicle says 40 s after it was switched on and later is changed; None is lost."""
+    take = Monitor._take
+
+    def changed(monitor, message, now):
+        message = change(message) if (monitor.time_s or 0.0) > 40.0 else message
+        if message is not None:
+            take(monitor, message, now)
+
+    monkeypatch.setattr(Monitor, "_take", changed)
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+def test_a_vehicle_that_lands_and_goes_on_saying_that_it_flies_has_landed(autopilot, monkeypatch):
+    heard_as(
+        monkeypatch, lambda x: m.ExtendedSysState(0, LandedState.IN_AIR) if isinstance(x, m.ExtendedSysState) else x
+    )
+    scene = faulty_scene(autopilot)
+    outcome = scene.fly()
+    assert outcome.ending is Ending.LANDED
+    assert outcome.vehicle_now.startswith("on the ground, according to its motion, disarmed")
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+def test_a_vehicle_whose_positions_are_lost_is_neither_stuck_nor_landed(autopilot, monkeypatch):
+    heard_as(monkeypatch, lambda x: None if isinstance(x, m.GlobalPositionInt) else x)
+    scene = faulty_scene(autopilot)
+    outcome, text = ended(scene)
+    assert outcome.ending is Ending.POSITION_LOST
+    assert "although other messages are arriving; the vehicle disarmed, but whether it landed is not known" in text
+    assert not scene.vehicle.armed

@@ -17,7 +17,7 @@ def at(lat_deg: float, lon_deg: float, time_s: float = 1.0) -> m.GlobalPositionI
 
 
 class Monitor:
-    time_s, current_seq = 0.0, 3
+    time_s, position_at_s, current_seq = 0.0, 0.0, 3
     position: Any = None
 
     def latest(self, _kind: type) -> Any:
@@ -27,7 +27,7 @@ class Monitor:
 def session() -> Any:
     return SimpleNamespace(
         monitor=Monitor(), client=SimpleNamespace(clock=SimpleNamespace(now=lambda: 0.0)),
-        timeouts=SimpleNamespace(watchdog=2.0, held_s=60.0),
+        timeouts=SimpleNamespace(watchdog=2.0, held_s=60.0, deadman_s=3.0),
     )  # fmt: skip
 
 

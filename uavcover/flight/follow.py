@@ -224,7 +224,7 @@ def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follow
 def _fallen(session: Session, follower: Follower) -> str | None:
     """The way in which the disarmed vehicle came down without motors; None when it has landed.
 
-    It is listened to until it lies still.
+    It is listened to until it lies still. Raises FlightFaultError: its positions were lost before, and neither is known.
     """
     monitor, timer = session.monitor, Timer(session, FOLLOWING.comes_to_rest_s)
     began_s = session.client.clock.now()
@@ -236,7 +236,12 @@ def _fallen(session: Session, follower: Follower) -> str | None:
     fall = monitor.ground.fall(follower.last_armed_s, monitor.time_s)
     if fall is not None:
         return f"disarmed {fall}"
-    return "disarmed in the air" if monitor.on_ground is False else None
+    if session.watch.is_open(Ending.POSITION_LOST) and not monitor.on_ground:
+        text = (
+            f"{session.watch.text_of(Ending.POSITION_LOST)}; the vehicle disarmed, but whether it landed is not known"
+        )
+        raise FlightFaultError(Ending.POSITION_LOST, text)
+    return "disarmed in the air" if monitor.on_ground is False and not monitor.ground.lies(monitor.time_s) else None
 
 
 def longest_wait_s(plan: FlightPlan) -> float:

@@ -425,11 +425,13 @@ class Stillness:
 
     @property
     def too_long(self) -> bool:
-        """Whether nothing changed for ``timeout_s``."""
-        monitor = self._session.monitor
+        """Whether nothing changed for ``timeout_s``; a vehicle whose positions are lost may move."""
+        session, monitor = self._session, self._session.monitor
         position = monitor.latest(m.GlobalPositionInt)
-        if position is None:
-            return self._timer.over
+        age_s = session.client.clock.now() - (monitor.position_at_s or 0.0)
+        if position is None or age_s > session.timeouts.deadman_s:
+            self.restart()
+            return False
         if self._seen is None or self._seen[0] != monitor.current_seq or self._moved_m(position) > FOLLOWING.moved_m:
             self._seen = (monitor.current_seq, position)
             self._timer.restart()

@@ -156,7 +156,8 @@ class GroundContact:
         highest = max(after, key=lambda p: p.height_m)
         lost_m = highest.above_home_m - after[-1].above_home_m
         sinks = sum(p.sink_m_s > GROUND.falls_m_s for p in after) > 1
-        lost = now_s is not None and now_s - after[-1].time_s > GROUND.old_s and after[-1].height_m > GROUND.near_m
+        here, seen = after[-1], since_s - after[-1].time_s <= GROUND.old_s
+        lost = seen and now_s is not None and now_s - here.time_s > GROUND.old_s and here.height_m > GROUND.near_m
         if not (sinks or lost or (lost_m > GROUND.fallen_m and sink_m_s > GROUND.still_sink_m_s)):
             return None
         begin = _begin_of_fall(list(self._places), len(after)) if sinks else highest
@@ -166,6 +167,10 @@ class GroundContact:
         """Whether it has been at rest for a while."""
         recent = self._since(now_s, GROUND.settle_s)
         return len(recent) > 1 and self._is_still(recent)
+
+    def lies(self, now_s: float | None) -> bool:
+        """Whether a disarmed vehicle is on the ground, also where it says that it flies: it is at rest near it."""
+        return self.is_still(now_s) and abs(self.height_m) <= GROUND.near_m
 
     def _since(self, now_s: float | None, window_s: float) -> list[_Place]:
         """The latest reports, at least two; nothing when they are old."""

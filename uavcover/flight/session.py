@@ -153,8 +153,9 @@ class Session:
             return "not in contact"
         unproved = "on the ground, according to the vehicle" if monitor.ground.says_landed else "somewhere"
         where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
-        if self.watch.is_open(Ending.CRASHED) and not monitor.on_ground:
-            # After a fall under power it may go on reporting that it flies.
+        lies = not vehicle.armed and monitor.ground.lies(monitor.time_s)
+        if (lies or self.watch.is_open(Ending.CRASHED)) and not monitor.on_ground:
+            # It may go on reporting that it flies, as after a fall under power.
             where = "on the ground, according to its motion"
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
         if not self.is_silent and (age_s := self.client.heartbeat_age_s) > self.timeouts.heartbeat_s:
