@@ -90,7 +90,7 @@ def test_the_error_of_an_estimator_is_no_contradiction(seed: int) -> None:
 
 
 @pytest.mark.parametrize("by_s", [-1.0, 1.0])
-@pytest.mark.parametrize(("column", "axis"), [(0, "eastward"), (1, "northward")])
+@pytest.mark.parametrize(("column", "axis"), [(0, "eastward"), (1, "northward"), (2, "upward")])
 def test_one_coordinate_of_another_time_than_the_others(column: int, axis: str, by_s: float) -> None:
     """In each window that is less than the error of the positions may be."""
     time_s, enu, velocity = flown(5.0, speed_m_s=5.0)

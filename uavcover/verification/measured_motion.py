@@ -30,6 +30,8 @@ class _Velocity:
     deviations: float
     reset_m_s: float
     skew_s: float
+    height_skew_s: float
+    climbs_m_s: float
     lag_window_s: float
     lag_turn_m_s: float
     lag_overlap: int
@@ -287,12 +289,12 @@ def contradictions(
 
 def position_lag(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, velocity_m_s: FloatArray, *, error: PositionError
-) -> tuple[float, Literal["eastward", "northward"]] | None:
+) -> tuple[float, Literal["eastward", "northward", "upward"]] | None:
     """Seconds by which the positions are later than the reported velocity on an axis, where that is more than possible.
 
     Positions that are late by ``lag`` differ from the integral of the velocity by ``-lag`` times its change. The weighted median
-    over all turns and stops (a regression in the L1 norm) tells less than a second where no single window does. Not for heights:
-    a barometer is filtered.
+    over all turns and stops (a regression in the L1 norm) tells less than a second where no single window does. An
+    error of heights would hide that, so their limit is what honest flights never come near.
 
     Args:
         time_s: (n,) vehicle time, increasing.
@@ -315,7 +317,7 @@ def position_lag(
     off_m = (enu_m[last] - enu_m[first]) - (reported.integral_m[last] - reported.integral_m[first])
     change_m_s = velocity_m_s[last] - velocity_m_s[first]
     error_m = float(error.change_m(np.array(VELOCITY.lag_window_s), 0))
-    names: tuple[Literal["eastward", "northward"], ...] = ("eastward", "northward")
+    names: tuple[Literal["eastward", "northward", "upward"], ...] = ("eastward", "northward", "upward")
     for axis, name in enumerate(names):
         turns = np.flatnonzero(np.abs(change_m_s[:, axis]) > VELOCITY.lag_turn_m_s)
         if not turns.size:
@@ -324,9 +326,12 @@ def position_lag(
         order = np.argsort(lags_s)
         weights = np.cumsum(np.abs(change)[order])
         lag_s = float(lags_s[order][int(np.searchsorted(weights, 0.5 * weights[-1]))])
+        changes_m_s = float(np.sqrt((change**2).sum() / VELOCITY.lag_overlap))
         # The standard error of a median is 1.25 times that of a mean.
-        deviation_s = 1.25 * error_m / float(np.sqrt((change**2).sum() / VELOCITY.lag_overlap))
-        if abs(lag_s) > VELOCITY.skew_s + VELOCITY.deviations * deviation_s:
+        limit_s = VELOCITY.skew_s + VELOCITY.deviations * 1.25 * error_m / changes_m_s
+        if name == "upward":
+            limit_s = VELOCITY.height_skew_s if changes_m_s >= VELOCITY.climbs_m_s else np.inf
+        if abs(lag_s) > limit_s:
             return lag_s, name
     return None
 

@@ -182,9 +182,10 @@ def motion_doubts(
         )
     if motion.lag is not None:
         lag_s, axis = motion.lag
+        most_s = VELOCITY.height_skew_s if axis == "upward" else VELOCITY.skew_s
         doubts.append(
             f"the {axis} positions are {abs(lag_s):.1f} s {'late' if lag_s > 0.0 else 'early'} against the reported "
-            f"velocity, at most {VELOCITY.skew_s:g} s is possible; one of the two was not measured"
+            f"velocity, at most {most_s:g} s is possible; one of the two was not measured"
         )
     if len(motion.moves) > TRACK.max_impossible_moves:
         first = motion.moves[0]
