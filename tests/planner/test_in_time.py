@@ -180,7 +180,8 @@ def test_a_flat_site_with_a_zone_is_planned_within_no_time_at_all():
 
 
 def test_a_refusal_within_a_budget_says_that_more_time_may_help():
-    ridge = {"max_height_agl_m": 50.0, "max_climb_angle_deg": 15.0, "height_margin_m": 1.0}
-    site = make_site(lambda east, _: np.maximum(0.0, 150.0 - 2.0 * np.abs(east - 150.0)), limits=ridge)
+    limits = {"max_height_agl_m": 50.0, "max_climb_angle_deg": 15.0, "height_margin_m": 1.0}
+    # Higher by 100 m at every second node of the ground: no leg keeps the height band.
+    site = make_site(lambda east, north: 100.0 * ((east + north) // 10.0 % 2.0), limits=limits)
     with pytest.raises(InfeasibleError, match=r"max_climb_angle_deg.*, or use a larger --budget$"):
         plan(site, SearchRequest(budget_s=1e-3, workers=1, algorithm="memetic"))

@@ -255,6 +255,7 @@ class Finish:
         # Judging takes as many times longer as there are more cells.
         self._looking_s = evaluating_s
         self._judging_s = evaluating_s * fine.grid.count / max(coarse.grid.count, 1)
+        self._judged_s = 0.0
         self._lines = self._looked_at(lines)
 
     @property
@@ -275,6 +276,7 @@ class Finish:
             judge_members(self._fine, [each.route])
             judging_s = self._effort.now() - begin
         if self._baselines:
+            self._judged_s = judging_s
             finish_s = max(finish_s, min(_FEWEST_JUDGED * judging_s, SHARES.judging_of_fewest * budget_s))
         return dataclasses.replace(self._effort, budget_s=budget_s - late_s - finish_s)
 
@@ -291,10 +293,11 @@ class Finish:
         judged = judge_members(self._fine, named[:_JUDGED_FIRST], self._executor)
         count = len(named)
         if self._effort.budget_s is not None and count > _JUDGED_FIRST:
-            each_s = max(now() - begin, 1e-6) / _JUDGED_FIRST
+            # What was judged before the search is known: it takes no time now, and says nothing about other routes.
+            each_s = max((now() - begin) / _JUDGED_FIRST, self._judged_s, 1e-6)
             count = min(count, _JUDGED_FIRST + int(SHARES.judging_baselines * self._effort.budget_s / each_s))
         judged += judge_members(self._fine, named[_JUDGED_FIRST:count], self._executor)
-        self._judging_s = (now() - begin) / max(count, 1)
+        self._judging_s = max(self._judged_s, (now() - begin) / max(count, 1))
         self._wholes = self._looked_at(named[:count])
         return judged
 

@@ -280,7 +280,7 @@ def plan_routes(
     fine = judging_map(site)
     optimized = _candidates(optimizer, encoding, searched.scale, name)
     evaluations, interrupted = optimizer.evaluations, searched.interrupted
-    in_several = False
+    in_several, found = False, list[NamedRoute]()
     if share == 1.0:
         reference = judge_members(fine, [each.route for each in constructed], executor)
         made = [candidate.route for candidate in optimized]
@@ -299,7 +299,6 @@ def plan_routes(
             coarse, fine, constructed, optimized, lines, evaluating_s=each_s, effort=effort, started=started,
             executor=executor,
         )  # fmt: skip
-        found: list[NamedRoute] = []
         if not interrupted:
             searching = finish.search_effort(late_s + order_s)
             used_s = effort.now() - started
@@ -325,10 +324,13 @@ def plan_routes(
         with times.stage("judging baselines", SHARES.judging_baselines):
             reference = finish.judged_baselines(constructed)
         made = finish.worth_judging(found)
+    members: list[RouteMember] = []
     with times.stage("judging routes", SHARES.judging):
-        members = judge_members(fine, made, executor)
-    if so_far is not None:
-        so_far.judged = [*members, *reference]
+        # Of a stage that is interrupted the routes that were found are known, and what was judged beside them.
+        for part in (made[: len(found)], made[len(found) :]):
+            members += judge_members(fine, part, executor)
+            if so_far is not None:
+                so_far.judged = [*members, *reference]
     with times.stage("choice and repairs", SHARES.order if in_several else None):
         chosen = choose(
             fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
