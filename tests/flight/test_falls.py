@@ -1,7 +1,9 @@
 """Disarmed in the air is a crash, whatever the landed state says; landing on a hill is none."""
 
+import math
 import random
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -244,3 +246,13 @@ def test_a_vehicle_whose_positions_are_lost_is_neither_stuck_nor_landed(autopilo
     assert outcome.ending is Ending.POSITION_LOST
     assert "although other messages are arriving; the vehicle disarmed, but whether it landed is not known" in text
     assert not scene.vehicle.armed
+
+
+def test_an_attitude_that_is_no_number_is_none(monkeypatch):
+    """The cosine of an infinite pitch ended the program in flight."""
+    heard_as(
+        monkeypatch, lambda x: replace(x, roll_rad=math.nan, pitch_rad=math.inf) if isinstance(x, m.Attitude) else x
+    )
+    scene = faulty_scene(ARDUPILOT)
+    assert scene.fly().ending is Ending.LANDED
+    assert math.isnan(scene.samples[-1].pitch_deg)

@@ -348,6 +348,10 @@ class Monitor:
             self._doubted_since_s = None
             if message.lat_deg == 0.0 and message.lon_deg == 0.0:
                 return  # how autopilots say that they do not know where they are
+        if isinstance(message, m.Attitude) and not math.isfinite(
+            message.roll_rad + message.pitch_rad + message.yaw_rad
+        ):
+            return  # it does not know its attitude
         self.counts[type(message)] += 1
         self._latest[type(message)] = message
         self._arrived_at_s[type(message)] = now
