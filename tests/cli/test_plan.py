@@ -139,6 +139,7 @@ def test_folder_that_cannot_be_made(cli: Cli) -> None:
     ended = cli("plan", "jacksboro", "-o", "/proc/run", "-q")
     assert ended.code == 2
     assert ended.error.startswith("error: /proc/run: the file cannot be written")
+    assert ended.error.rstrip().endswith("; choose another folder")
 
 
 def test_full_disk_leaves_the_older_plan(flown: Path, tmp_path: Path) -> None:

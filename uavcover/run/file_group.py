@@ -6,6 +6,7 @@ what it lists. An error between two renames, such as a directory in the way, und
 """
 
 import contextlib
+import errno
 import json
 import os
 import secrets
@@ -228,6 +229,9 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
     """Errors of the operating system in the words of uavcover. Raises OutputError: instead of any OSError."""
@@ -235,9 +239,8 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or type(error).__name__
-        raise OutputError(
-            f"{path}: the file cannot be written ({reason}); free some space or choose another folder"
-        ) from error
+        advice = "free some space or choose another folder" if error.errno in NO_ROOM else "choose another folder"
+        raise OutputError(f"{path}: the file cannot be written ({reason}); {advice}") from error
 
 
 def numbered(out: Path, number: int) -> str:

@@ -35,6 +35,7 @@ from uavcover.model.track import (
     Track,
     TrackSample,
 )
+from uavcover.run.file_group import NO_ROOM
 
 SAMPLE_BYTES: Final = 2000
 """What a sample takes in track, telemetry log and both recordings together: measured 1.4 kB at 7 samples a second."""
@@ -42,7 +43,6 @@ SAMPLES_PER_S: Final = 10.0
 """As often as positions are asked for."""
 _LONGER, _SPARE_S = 2.0, 900.0
 """A flight may take longer than predicted, and has transit legs."""
-_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 def record_bytes(flight_time_s: float) -> int:
@@ -70,7 +70,7 @@ class SpaceReserve:
             elif shutil.disk_usage(folder).free < size_bytes:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
-            if error.errno in _NO_ROOM:
+            if error.errno in NO_ROOM:
                 raise OutputError(
                     f"{folder}: not enough disk space for the flight record, which may need {size_bytes / 1e6:.0f} "
                     f"MB ({error.strerror}); free some space or choose another folder; the vehicle was not armed"
