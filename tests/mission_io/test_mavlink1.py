@@ -77,6 +77,7 @@ OLD_SAMPLES: list[Message] = [
     m.MissionClearAll(1, 1),
     m.BatteryStatus(0, (15.25, *(None,) * 9), 12.5, 1234, 71),
     m.CameraFeedback(71.25, 3, 46.1234567, -7.7654321, 512.5, 60.25, 1.5, -2.5, 271.0, 0),
+    m.AutopilotVersion(2**63 + 5, 0x04070000, 2**64 - 1),
 ]
 NEWER = {
     m.CameraImageCaptured, m.ParamError, m.ParamExtRequestRead, m.ParamExtRequestList, m.ParamExtValue, m.ParamExtSet,
