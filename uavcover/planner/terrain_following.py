@@ -354,9 +354,10 @@ class _Lattice:
         self._problem = problem
         polygon = flyable_area(site).polygon
         west, south, east, north = polygon.bounds
-        self._step_m = max(math.sqrt((east - west) * (north - south) / _SPOTS), 1e-3)
-        columns, rows = (max(1, math.floor(side / self._step_m)) + 1 for side in (east - west, north - south))
-        grid = np.meshgrid(west + self._step_m * np.arange(columns), south + self._step_m * np.arange(rows))
+        # A long strip of ground gets no more rows and columns than fit.
+        step_m = max(math.sqrt((east - west) * (north - south) / _SPOTS), max(east - west, north - south) / _SPOTS)
+        columns, rows = (math.floor(side / step_m) + 1 for side in (east - west, north - south))
+        grid = np.meshgrid(west + step_m * np.arange(columns), south + step_m * np.arange(rows))
         spots_m = np.column_stack([axis.ravel() for axis in grid])
         low, high = allowed_band_m(site, spots_m)
         open_to = (low <= high) & shapely.contains_xy(polygon, spots_m[:, 0], spots_m[:, 1])
