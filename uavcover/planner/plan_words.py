@@ -15,7 +15,7 @@ from uavcover.planner.planner import SearchProgress
 from uavcover.planner.selection_rule import missing_index, parse_rule, select
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import User, percent, to_paste
-from uavcover.scenario.airspace.flyable import flyable_area
+from uavcover.scenario.airspace.flyable import flyable_area, wide_enough_m
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import own_sensors
 from uavcover.sensing.pictures import planned_poses, takes_pictures
@@ -226,12 +226,12 @@ _LEAST_BEYOND = 5e-5
 def say_steps(user: User, site: Site) -> None:
     """Warn of ground on the other side of steps that are higher than the height band is wide."""
     limits, area = site.scenario.limits, flyable_area(site)
-    if area.wide_enough_m is None:
+    if area.undivided is None:
         return
     beyond = 1.0 - area.polygon.intersection(site.area).area / site.area.area
     if beyond < _LEAST_BEYOND:
         return
-    enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
+    enough_m = math.ceil(limits.min_height_agl_m + wide_enough_m(site) + 2.0 * limits.height_margin_m)
     user.warn(
         f"no leg can cross the terrain's cliffs within the height band, and {percent(beyond)} of the area is next to "
         "or behind them; the route stays on one side. To cross the cliffs, set limits.max_height_agl_m to at least "

@@ -16,6 +16,7 @@ import shapely
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.surface import GRID, Surface
+from uavcover.model.limits import FlightLimits
 from uavcover.scenario.airspace.zones import Polygons, Zone, is_over_or_under
 from uavcover.scenario.obstacles import rings_m
 from uavcover.scenario.site import Site, once
@@ -77,8 +78,8 @@ def _zone_end_m(
 _LEAST_SHARE = 0.005
 """Smallest share of a region: a smaller part behind steps, such as a ledge, is ignored."""
 
-_TRIES = 12
-"""Halvings of the range in which a width is looked for: 2 cm of 100 m."""
+_WIDTH_TO_M = 0.1
+"""How exactly a width is found."""
 
 
 def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slope: float) -> list[shapely.Polygon]:
@@ -115,7 +116,7 @@ def least_width_m(
     """
     places = [part.representative_point() for part in parts]
     low, high = width_m, width_m + _highest_step_m(ground.surface, region.bounds)
-    for _ in range(_TRIES):
+    while high - low > _WIDTH_TO_M:
         middle = 0.5 * (low + high)
         steps = _steps(ground.surface, region, middle, slope)
         left = [region] if steps is None else polygons_in(region.difference(steps))
@@ -198,9 +199,7 @@ class FlyableArea:
     # those of them with a floor or a ceiling inside of the band, so that a narrower band would open some of them
     partly: tuple[Zone, ...] = ()
     cut_off: bool = False  # whether zones cut off other pieces of the fence
-    # width of the height band, margins not counted, at which legs get over the steps of the ground that part the piece
-    # from others; none where there are no such steps
-    wide_enough_m: float | None = None
+    undivided: shapely.Polygon | None = None  # the piece and those beyond steps of the ground; none without such steps
 
 
 @once
@@ -259,8 +258,7 @@ def _between_steps(site: Site, area: FlyableArea) -> FlyableArea:
     limits = site.scenario.limits
     if limits.applies_to == "waypoints":
         return area
-    slope = math.tan(math.radians(limits.max_climb_angle_deg))
-    width_m = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
+    slope, width_m = _climb_and_band(limits)
     parts = parts_between_steps(site.ground, area.polygon, width_m=width_m, slope=slope)
     if not parts:
         return area
@@ -270,8 +268,21 @@ def _between_steps(site: Site, area: FlyableArea) -> FlyableArea:
     )
     from_home = [part for part in of_transits if _holds_home(site, part)]
     reached = [part for part in parts if not from_home or from_home[0].intersects(part.representative_point())]
-    wide_enough_m = least_width_m(site.ground, area.polygon, parts, width_m=width_m, slope=slope)
-    return dataclasses.replace(area, polygon=_most_of_area(site, reached or parts), wide_enough_m=wide_enough_m)
+    return dataclasses.replace(area, polygon=_most_of_area(site, reached or parts), undivided=area.polygon)
+
+
+def wide_enough_m(site: Site) -> float:
+    """The width of the height band, margins not counted, at which legs get over the steps that divide the flyable area."""
+    slope, width_m = _climb_and_band(site.scenario.limits)
+    undivided = flyable_area(site).undivided or shapely.Polygon()
+    parts = parts_between_steps(site.ground, undivided, width_m=width_m, slope=slope)
+    return least_width_m(site.ground, undivided, parts, width_m=width_m, slope=slope)
+
+
+def _climb_and_band(limits: FlightLimits) -> tuple[float, float]:
+    """Tangent of the steepest leg, and the width of the height band without its margins."""
+    slope = math.tan(math.radians(limits.max_climb_angle_deg))
+    return slope, limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
 
 
 def _most_of_area(site: Site, pieces: Sequence[shapely.Polygon]) -> shapely.Polygon:
