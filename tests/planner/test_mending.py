@@ -91,6 +91,17 @@ def test_mended_lines_keep_the_limits_and_see_the_ground(ups):
     assert share_seen(Route(found), coverage) > 0.5
 
 
+@pytest.mark.parametrize("ups", [slope, rough], ids=["slope", "rough"])
+def test_a_wide_fence_makes_no_detours(ups):
+    fence = ((-5000.0, -5000.0), (5000.0, -5000.0), (5000.0, 5000.0), (-5000.0, 5000.0))
+    near_m, wide_m = (
+        Route(found).length_m
+        for site in (make_site(ups, limits=LIMITS), make_site(ups, limits=LIMITS, fence=fence))
+        for found in mended(site, fly_layout(site, plain_boustrophedon(site)).waypoints_m)
+    )
+    assert wide_m < 1.1 * near_m
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_ways_that_lead_along_other_stretches_keep_the_limits(seed, monkeypatch):
     """Between steep waves, and on a wide lattice, some stretches are the only way to others."""

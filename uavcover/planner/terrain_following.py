@@ -353,7 +353,9 @@ class _Lattice:
     def __init__(self, site: Site, problem: SearchProblem) -> None:
         self._problem = problem
         polygon = flyable_area(site).polygon
-        west, south, east, north = polygon.bounds
+        # Ways far beyond the area are no use: neither in a wide fence, nor around a part of a large area.
+        beyond_m = 0.5 * math.dist(site.area.bounds[:2], site.area.bounds[2:])
+        west, south, east, north = polygon.intersection(shapely.box(*site.area.bounds).buffer(beyond_m)).bounds
         # A long strip of ground gets no more rows and columns than fit.
         step_m = max(math.sqrt((east - west) * (north - south) / _SPOTS), max(east - west, north - south) / _SPOTS)
         columns, rows = (math.floor(side / step_m) + 1 for side in (east - west, north - south))
