@@ -113,6 +113,31 @@ def test_a_landing_is_no_fall_however_high_the_ground_is(land_m_s, rest_s, groun
     assert ground.fall(time_s, time_s) is None
 
 
+@pytest.mark.parametrize("land_m_s", [0.3, 0.7, 1.5])
+@pytest.mark.parametrize("hz", [1.0, 10.0])
+def test_a_landing_is_no_fall_where_it_is_told_late(hz, land_m_s):
+    """Many messages come at once, those of the landing and of the disarmed vehicle among them."""
+    ground, time_s, touch_s = GroundContact(), 0.0, 10.0
+    while time_s < touch_s + 3.0:
+        left_s = max(0.0, touch_s - time_s)
+        ground.take_position(place(time_s, land_m_s * left_s, sink_m_s=land_m_s if left_s > 0.0 else 0.0))
+        ground.take_word(LandedState.LANDING if left_s > 0.0 else LandedState.ON_GROUND, time_s)
+        time_s += 1.0 / hz
+    assert ground.fall(1.0, time_s) is None
+
+
+@pytest.mark.parametrize("hz", [0.5, 1.0])
+def test_a_fall_that_few_positions_show_is_one(hz):
+    ground, time_s = GroundContact(), 0.0
+    while time_s < 12.0:
+        fallen_s = max(0.0, time_s - 4.1)
+        above_m = max(0.0, 6.0 - 0.7 * min(time_s, 4.1) - 4.9 * fallen_s**2) + 3.0 * (time_s < 4.1)
+        ground.take_position(place(time_s, above_m, sink_m_s=0.7 if fallen_s == 0.0 else 0.0))
+        ground.take_word(LandedState.ON_GROUND if fallen_s > 0.0 else LandedState.LANDING, time_s)
+        time_s += 1.0 / hz
+    assert ground.fall(4.5, time_s) is not None
+
+
 def test_disarmed_high_up_and_not_heard_again_is_a_fall():
     ground = contact(LandedState.ON_GROUND, 45.0)
     assert ground.fall(3.0, 3.5) is None

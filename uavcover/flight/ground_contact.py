@@ -3,6 +3,7 @@
 The landed state alone proves nothing: ArduCopter reports ON_GROUND as soon as it is disarmed, even in the air, while it falls.
 """
 
+import itertools
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -146,15 +147,16 @@ class GroundContact:
     def fall(self, since_s: float | None, now_s: float | None) -> Fall | None:
         """Whether a vehicle without motors since about ``since_s`` has fallen or falls; None when it has not.
 
-        What counts is that it sank faster than any autopilot lands, that it lost height, or that nothing was heard of it since it
-        was above the ground. Ground that is higher or lower than home is none of these.
+        What counts is that it sank faster than any autopilot lands, that it lost height that no landing explains, or that nothing
+        was heard of it since it was above the ground. Ground that is higher or lower than home is none of these.
         """
         if since_s is None or not self._places:
             return None
         after = [p for p in self._places if p.time_s >= since_s - GROUND.before_s] or [self._places[-1]]
         sink_m_s = max(p.sink_m_s for p in after)
         highest = max(after, key=lambda p: p.height_m)
-        lost_m = highest.above_home_m - after[-1].above_home_m
+        since_highest = after[after.index(highest) :]
+        lost_m = highest.above_home_m - after[-1].above_home_m - _landed_m(since_highest)
         sinks = sum(p.sink_m_s > GROUND.falls_m_s for p in after) > 1
         here, seen = after[-1], since_s - after[-1].time_s <= GROUND.old_s
         lost = seen and now_s is not None and now_s - here.time_s > GROUND.old_s and here.height_m > GROUND.near_m
@@ -183,6 +185,12 @@ class GroundContact:
     def _is_still(places: list[_Place]) -> bool:
         quiet = all(abs(p.sink_m_s) <= GROUND.still_sink_m_s and p.speed_m_s <= GROUND.still_speed_m_s for p in places)
         return quiet and abs(places[-1].above_home_m - places[0].above_home_m) <= GROUND.still_height_m
+
+
+def _landed_m(places: list[_Place]) -> float:
+    """Height that was lost at the reported sink rates of a landing: it may have disarmed at the end of these positions."""
+    sinks = ((max(a.sink_m_s, b.sink_m_s, 0.0), b.time_s - a.time_s) for a, b in itertools.pairwise(places))
+    return sum(sink_m_s * lasts_s for sink_m_s, lasts_s in sinks if sink_m_s <= GROUND.falls_m_s)
 
 
 def _begin_of_fall(places: list[_Place], latest: int) -> _Place:
