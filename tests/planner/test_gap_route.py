@@ -3,12 +3,13 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.planner.sites import flat, hills, make_site
+from tests.planner.sites import CAMERA, flat, hills, make_site
 from uavcover.errors import InfeasibleError
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.sensor import FrameCamera, SphereSensor
 from uavcover.planner.gap_route import MissingCells, plan_closing_route
+from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import inside_every_heading
@@ -120,13 +121,16 @@ def test_sensors_that_look_from_waypoints() -> None:
     assert not (missing & ~coverage.seen(result.route.waypoints_m)).any()
 
 
-def test_nothing_to_close_and_nothing_that_can_be_closed() -> None:
-    site = make_site(flat, fence=((-150.0, -50.0), (350.0, -50.0), (350.0, 60.0), (-150.0, 60.0)))
+@pytest.mark.parametrize("sensor", [CAMERA, SphereSensor(kind="sphere", range_m=110.0)], ids=["camera", "sphere"])
+def test_nothing_to_close_and_nothing_that_can_be_closed(sensor) -> None:
+    fence = ((-150.0, -50.0), (350.0, -50.0), (350.0, 60.0), (-150.0, 60.0))
+    site = make_site(flat, fence=fence, sensor=sensor)
     coverage = CoverageMap(site, cell_size_m=10.0)
     with pytest.raises(InfeasibleError, match="no gaps"):
         closing(site, coverage, np.zeros(coverage.grid.count, dtype=bool))
     with pytest.raises(InfeasibleError, match="no allowed position can observe any"):
         closing(site, coverage, missing_in(coverage, (100, 180, 120, 200)))
+    assert lay_over_terrain(site, np.empty((0, 2)), np.empty(0), tolerance_m=10.0).shape == (0, 3)
 
 
 def test_the_same_every_time_and_nothing_of_the_caller_is_changed() -> None:

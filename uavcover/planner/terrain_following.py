@@ -132,7 +132,7 @@ def inside_flyable_area(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatA
     Returns:
         (m, 2) corners, and (m,) wanted heights.
     """
-    if len(polyline_m) == 0 or not _has_bays(site):
+    if not _has_bays(site):
         return polyline_m, wanted_agl_m
     ways = flyable_ways(site)
     corners = [ways.inside(corner) for corner in polyline_m]
@@ -186,6 +186,8 @@ def lay_over_terrain(
         (m, 3) ENU waypoints, corners among them. Where the ground has no data their height is read from the neighbours:
         a finite number, so that the route can be compared with others; the leg checks say that data is missing there.
     """
+    if len(polyline_m) == 0:
+        return np.empty((0, 3))
     polyline_m, wanted_agl_m = inside_flyable_area(site, polyline_m, wanted_agl_m)
     only_one = len(polyline_m) == 1
     if only_one:
