@@ -131,7 +131,7 @@ def streamed(p: Probe) -> str:
     _asked_for_current(p)
     current = _current(p)
     if current is None:
-        raise FailedError("it sends no MISSION_CURRENT, also when asked to")
+        raise FailedError("it sends no MISSION_CURRENT, even on request")
     return f"MISSION_CURRENT {current.seq}, total {current.total}"
 
 

@@ -319,8 +319,8 @@ def plan_upload(
 ) -> int:
     """Check the mission, upload it with its fence and rally points, read them back and compare them.
 
-    A scenario is planned first. With several --to, all vehicles are checked before anything is sent, and a scenario is
-    planned for this number of vehicles. upload.json describes the latest upload.
+    If you give a scenario, uavcover plans it first, for the number of --to options. With several --to options, uavcover
+    checks all vehicles before it sends anything. upload.json describes the latest upload.
     """
     from uavcover.flight.compiled_flight import upload_run
     from uavcover.flight.connect import links_of_run, links_of_scenario, require_home

@@ -167,7 +167,9 @@ class GuardedOptimizer:
             array = finite_array(getattr(found, what), f"{self._name}.pareto_set().{what}")
             rows = len(columns[0]) if columns else max(1, len(array))
             if array.shape != (rows, width):
-                raise OptimizerError(f"{self._name}.pareto_set().{what}: shape {array.shape}; return {(rows, width)}")
+                raise OptimizerError(
+                    f"{self._name}.pareto_set().{what}: the shape is {array.shape}, but must be {(rows, width)}"
+                )
             columns.append(read_only(array))
         if not self._box.contains(columns[0]):
             raise OptimizerError(f"{self._name}.pareto_set().x: a row is outside the bounds; return rows of ask()")

@@ -132,7 +132,7 @@ def test_a_scenario_tells_the_same_with_its_key(tmp_path):
         ("146,8,100", "latitude 146"),
         ("8,46", "2 numbers as an area; write a box as WEST,SOUTH,EAST,NORTH"),
         ("8,46,9,47,5", "5 numbers"),
-        ("8,46.1,8.1,46", "is not above south"),
+        ("8,46.1,8.1,46", "must be below north"),
         ("46,108,46.1,108.1", "write WEST,SOUTH,EAST,NORTH"),
         ("8,46,-172.5,47", None),
         ("10,46,8,47", "more than half the Earth"),

@@ -60,7 +60,7 @@ def export(
         option(
             "--format",
             "Format: waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi "
-            "or print (an HTML page to print).",
+            "or print (a printable HTML page).",
         ),
     ] = None,
     out: Annotated[
@@ -74,7 +74,7 @@ def export(
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Export the route to another format: a mission file, DJI KMZ, Litchi CSV, GPX or a page to print."""
+    """Export the route to another format: a mission file, DJI KMZ, Litchi CSV, GPX or a printable page."""
     from uavcover.errors import InputError
     from uavcover.extras.exports.export import CONTROLLER_POINTS, ExportRequest, export_mission, mission_formats
     from uavcover.model.vehicle import autopilot_name

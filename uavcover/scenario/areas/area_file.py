@@ -405,7 +405,8 @@ def _box(source: str, numbers: list[float]) -> AreaDocument:
         raise InputError(f"{source}: these are not longitudes and latitudes; write WEST,SOUTH,EAST,NORTH in degrees")
     if not north > south or west == east:
         raise InputError(
-            f"{source}: north {north:g} is not above south {south:g}, or west is east; write WEST,SOUTH,EAST,NORTH"
+            f"{source}: south {south:g} must be below north {north:g}, and west must differ from east; write "
+            "WEST,SOUTH,EAST,NORTH"
         )
     if math.fmod(east - west + 360.0, 360.0) > 180.0:
         raise InputError(
