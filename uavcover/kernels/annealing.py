@@ -1,10 +1,9 @@
 """Simulated annealing of a route by single moves with incremental evaluation.
 
-The energy is ``way * cost of the way + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change
-of one kind; one that breaks a limit is never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
-turn a stretch of the order round (a stretch of two is a swap: 2-opt), and, where the order is free, transfer a waypoint to
-another place in the order (Or-opt) or to a cell that no waypoint sees, and rebuild the route around a waypoint
-(:mod:`uavcover.kernels.rebuild`).
+The energy is ``way * cost of the way + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change of
+one kind; changes that exceed a limit are never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
+reverse a stretch (for two waypoints a swap: 2-opt). If the order is free: transfer a waypoint to another position in the order
+(Or-opt) or to an unobserved cell, and rebuild the route around a waypoint (:mod:`uavcover.kernels.rebuild`).
 """
 
 import math
@@ -37,20 +36,20 @@ from uavcover.kernels.surface import height_above, up_above
 
 _TRIES_FOR_A_GAP = 24
 _PROPOSALS_PER_REBUILDING = 100
-"""About what it costs in time."""
+"""Approximately its cost in time."""
 
 _STRAIGHT_DOWN = 1e-9
-"""Cosine of a camera's pitch below which a leg shows the same both ways."""
+"""Cosine of a camera's pitch below which a leg observes the same cells in both directions."""
 
 
 class Prices(NamedTuple):
     """Weights of the terms of the energy.
 
     Attributes:
-        way: of what the way costs: metres, or what else the problem makes small.
+        way: of the cost of the path, in metres or in the unit of the objective.
         waypoint: of each waypoint.
-        coverage: of the share that is missing to the goal.
-        goal: share of the counted cells, 0..1, beyond which more is worth nothing.
+        coverage: of the missing fraction of the goal.
+        goal: fraction of the counted cells, 0..1, above which more coverage has no value.
     """
 
     way: float
@@ -60,19 +59,20 @@ class Prices(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """Shares of the proposals by kind; they add up to less than 1, and what is left removes waypoints.
+    """Fractions of the proposals by kind; they add up to less than 1, and what is left removes waypoints.
 
     Attributes:
-        turn: turn a stretch of the order round.
-        transfer_to_gap: where the order is free, move a waypoint to a cell that no waypoint sees; else an exchange, as all below.
-        transfer: likewise, to another place in the order.
+        turn: reverse a stretch of the order.
+        transfer_to_gap: where the order is free, move a waypoint to a cell that no waypoint observes; else an exchange, as all
+            below.
+        transfer: the same, to another position in the order.
         move_and_height: of the exchanges: move a waypoint on the map, and change its height.
         move: move it on the map only.
         height: change its height only.
         shift: shift a stretch on the map.
         shift_height: up or down.
         insert: a waypoint.
-        smallest_step: share of the widest move that the smallest is.
+        smallest_step: fraction of the widest move that the smallest is.
     """
 
     turn: float
@@ -98,8 +98,8 @@ class Schedule(NamedTuple):
         fewest: waypoints are not removed below this.
         most: nor inserted above this.
         moves: how often each kind is proposed.
-        rebuilt: where the order is free, share of the proposals that rebuild the route around a waypoint.
-        rebuilt_heat: their temperature, as a multiple: what is rebuilt is pulled straight, near the least energy around it.
+        rebuilt: where the order is free, fraction of the proposals that rebuild the route around a waypoint.
+        rebuilt_heat: multiple of their temperature, because a rebuilt route is already near a local minimum.
     """
 
     proposals: int
@@ -130,7 +130,7 @@ def anneal(
     while number + 1 < schedule.proposals:
         number += 1
         temperature = schedule.hottest * math.exp(cooling * number)
-        # How much the energy may rise: the Metropolis rule, solved for it.
+        # Permitted rise of the energy: the Metropolis rule, solved for it.
         allowance = -temperature * math.log(1.0 - rng.random())
         draw = rng.random()
         if free_order and schedule.rebuilt > 0.0 and rng.random() < schedule.rebuilt:
@@ -181,7 +181,7 @@ def _exchange(
         _put(problem, state, first, first, de, dn, du if kind < moves.move_and_height else 0.0)
     elif kind < lifted:
         _put(problem, state, first, first, 0.0, 0.0, du)
-    elif kind < shifted:  # a stretch sideways, up or down
+    elif kind < shifted:  # shift a stretch sideways, up or down
         fresh = min(n - first, 1 + int(rng.random() * WIDEST))
         last = first + fresh
         if kind < lifted + moves.shift:
@@ -214,7 +214,7 @@ def _settle(
     change = prices.way * exchange_cost(problem, state, first, last, fresh) + prices.waypoint * (fresh - (last - first))
     before = energy_of_share(prices, state.seen[0])
     if change - before > allowance:
-        return False  # even with the whole goal reached
+        return False  # even if the goal were reached
     gained, new = try_exchange(problem, state, first, last, fresh)
     if new < 0:
         return False
@@ -226,7 +226,7 @@ def _settle(
 
 @kernel
 def _put(problem: SearchProblem, state: RouteState, first: int, waypoint: int, de: float, dn: float, du: float) -> None:
-    """Write a waypoint, moved on the map at the same height above ground and raised by ``du``, into fresh[waypoint - first]."""
+    """Write a waypoint, moved on the map at the same height above ground plus ``du``, into fresh[waypoint - first]."""
     k = waypoint - first
     e, n, u = place(state.route, waypoint)
     if de != 0.0 or dn != 0.0:
@@ -254,7 +254,7 @@ def _insertion(
 
 @kernel
 def _near_a_gap(problem: SearchProblem, state: RouteState, de: float, dn: float, rng: np.random.Generator) -> bool:
-    """Write a place near an insufficiently seen cell into fresh[0], at any allowed height; False if none was found."""
+    """Write a place near an insufficiently observed cell into fresh[0], at any allowed height; False if none was found."""
     for _ in range(_TRIES_FOR_A_GAP):
         cell = int(rng.random() * problem.square.size)
         square = problem.square[cell]
@@ -333,7 +333,7 @@ def _transfer(
 def _turn_round(
     problem: SearchProblem, prices: Prices, state: RouteState, allowance: float, rng: np.random.Generator
 ) -> bool:
-    """Reverse a stretch of the route (2-opt); for two waypoints, a swap. Whether it was accepted."""
+    """Reverse a stretch of the route (2-opt; for two waypoints, a swap). Whether it was accepted."""
     n = state.size[0]
     i, j = int(rng.random() * n), int(rng.random() * n)
     if i > j:
@@ -341,7 +341,7 @@ def _turn_round(
     if i == j or (i == 0 and j == n - 1):
         return False
     if problem.sensing == ALONG_PATH and _shows_more_one_way(problem.sight):
-        # Every leg of the stretch shows other cells on the way back: all are exchanged, and so the stretch is short.
+        # Every leg of the stretch observes other cells in reverse, so exchange all; the stretch is short.
         count = min(j - i + 1, WIDEST)
         for k in range(count):
             state.fresh[k, 0], state.fresh[k, 1], state.fresh[k, 2] = place(state.route, i + count - 1 - k)
@@ -366,13 +366,13 @@ def _turn_round(
 
 @kernel
 def _shows_more_one_way(sight: Sight) -> bool:
-    """Whether a leg sees other cells in the opposite direction: true for a tilted camera that turns with the legs."""
+    """Whether a leg observes other cells in the opposite direction: true for a tilted camera that turns with the legs."""
     return sight.kind == FRUSTUM and math.isnan(sight.heading_e) and sight.cos_pitch > _STRAIGHT_DOWN
 
 
 @kernel
 def _turn_legs_round(problem: SearchProblem, prices: Prices, state: RouteState, i: int, j: int, most: float) -> bool:
-    """Reverse waypoints i..j where legs see, if the coverage then missing costs no more than ``most``."""
+    """Reverse waypoints i..j where legs observe, if the coverage then missing costs no more than ``most``."""
     n = state.size[0]
     segments = segment_count(problem, n)
     p, q = place(state.route, i), place(state.route, j)
@@ -402,7 +402,7 @@ def _turn_legs_round(problem: SearchProblem, prices: Prices, state: RouteState, 
 
 @kernel
 def _compare_ends(problem: SearchProblem, state: RouteState, i: int, j: int, segments: int, new: int) -> float:
-    """Change of the weight that is seen when the legs before waypoint i and behind j give way to the sets behind the segments."""
+    """Change of the observed weight if the sets after the segments replace the legs before waypoint i and after j."""
     olds = 0
     if i > 0:
         state.sets[olds, 0] = state.slot[i - 1]

@@ -13,7 +13,7 @@ Point = tuple[float, float, float]
 
 
 def read_only(numbers: ArrayLike) -> FloatArray:
-    """Numbers as a C-contiguous array that cannot be written to: kernels that only read are compiled for such arrays alone."""
+    """Numbers as a read-only C-contiguous array, because kernels that only read are compiled only for such arrays."""
     array = np.ascontiguousarray(numbers, dtype=float).view()
     array.flags.writeable = False
     return array

@@ -1,9 +1,9 @@
-"""The cells of an area, and whether ground or obstacles stand between one of them and a place.
+"""The cells of an area, and whether ground or obstacles stand between a cell and a position.
 
-They lie on a square lattice: ``lattice`` maps its rows and columns to cell numbers, -1 where there is no cell.
+The cells are on a square lattice: ``lattice`` maps its rows and columns to cell numbers, -1 without a cell.
 
-What is known around a cell decides most rays: its horizon and its skyline of obstacles, how steep the ground is anywhere, and how
-steeply it rises in each sector. The others are traced, at their full length and in closed form.
+The surroundings of a cell decide most rays: its horizon and skyline of obstacles, the steepest ground anywhere, and the rise of
+the ground in each sector. The other rays are traced at their full length and in closed form.
 """
 
 import math
@@ -34,9 +34,9 @@ class Cells(NamedTuple):
         lattice: (rows, columns) int32, number of the cell or -1.
         centre_m: (n, 3) centres on the ground, or on the roof of what stands there.
         normal: (n, 3) unit normals of the ground, or of the roof.
-        horizon: (n,) tangent of the slope above which no obstacle in the sensor's reach can hide the cell; 0 where none is near.
+        horizon: (n,) tangent of the slope above which no obstacle in the sensor's reach can hide the cell; 0 if none is near.
         scatter_m: no centre is farther than this from its place on the lattice, on the map.
-        rise: (n, 3, 16) of :func:`uavcover.kernels.horizon.rises` within the sensor's reach; (0, 3, 16) where it is not known.
+        rise: (n, 3, 16) of :func:`uavcover.kernels.horizon.rises` within the sensor's reach; (0, 3, 16) if unknown.
         skylines: of the cells that obstacles may hide.
     """
 
@@ -53,20 +53,20 @@ class Cells(NamedTuple):
 
 
 GRAZING_M = 1e-6
-"""A ray that dips below the ground by no more than this still sees: the target itself lies on the ground."""
+"""A ray that dips below the ground by no more than this still observes: the target itself lies on the ground."""
 
 PAST_OBSTACLES = 3
-"""Beside UNDECIDED, CLEAR and HIDDEN of a skyline: the ground may be in the way."""
+"""In addition to UNDECIDED, CLEAR and HIDDEN of a skyline: the ground may block the ray."""
 
 
 class AroundCell(NamedTuple):
-    """What is known around a cell; tangents.
+    """The surroundings of a cell; tangents.
 
     Attributes:
-        horizon: rays at least so steep pass over all obstacles.
-        row: of its skyline, -1 where it has none.
-        steepest: rays at least so steep are clear of the ground.
-        rises: whether they are also where they are as steep as the cell's ``rise`` in their sector.
+        horizon: rays at least this steep pass over all obstacles.
+        row: of its skyline, -1 without one.
+        steepest: rays at least this steep are clear of the ground.
+        rises: whether rays at least as steep as the cell's ``rise`` in their sector are clear, too.
     """
 
     horizon: float
@@ -84,7 +84,7 @@ def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], c
 
 @kernel
 def surroundings(surface: Surface, sight: Sight, cells: Cells, cell: int, over_nodes: bool) -> AroundCell:
-    """What is known around a cell; ``over_nodes``: whether all places that are asked for are over the nodes of the ground."""
+    """The surroundings of a cell; ``over_nodes``: whether all positions are over the nodes of the ground."""
     if sight.line_of_sight == RAY:
         rises = over_nodes and cells.rise.shape[0] > 0
         steepest = surface.steepest if over_nodes else math.inf
@@ -104,26 +104,26 @@ def known_of_sight(
     north: float,
     up: float,
 ) -> int:
-    """What is known of the line of sight to a place so far from a cell, without asking the ground or obstacles.
+    """Decide the line of sight from a cell without examining the ground or obstacles.
 
     Args:
         around: the cell's.
         bounds: of the skylines.
         rise: of the cells.
         cell: its number.
-        east: from the cell to the place, metres.
-        north: likewise.
-        up: likewise.
+        east: from the cell to the position, metres.
+        north: the same.
+        up: the same.
 
     Returns:
-        CLEAR; PAST_OBSTACLES where the ground alone may be in the way; HIDDEN; or UNDECIDED.
+        CLEAR; PAST_OBSTACLES if only the ground may block the ray; HIDDEN; or UNDECIDED.
     """
     over_ground = math.sqrt(east * east + north * north)
     if not up >= around.horizon * over_ground:
         past = UNDECIDED if around.row < 0 else beyond_skyline(bounds, around.row, east, north, up)
         if past != CLEAR:
             return past
-    # A ray that leaves the cell more steeply than the ground can rise on its way: nothing stands there.
+    # A ray that is steeper than the ground can rise below it is clear.
     if up >= around.steepest * over_ground:
         return CLEAR
     if around.rises:
@@ -137,7 +137,7 @@ def known_of_sight(
 
 @kernel
 def cell_in_line_of_sight(surface: Surface, sight: Sight, cells: Cells, cell: int, eye: Point) -> bool:
-    """:func:`in_line_of_sight` of a cell, with what is known of its surroundings."""
+    """:func:`in_line_of_sight` of a cell, with its surroundings."""
     ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
     around = surroundings(surface, sight, cells, cell, has_node_cell(surface, eye[0], eye[1], eye[2]))
     known = known_of_sight(around, cells.skylines.bounds, cells.rise, cell, eye[0] - ce, eye[1] - cn, eye[2] - cu)

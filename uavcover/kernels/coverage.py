@@ -1,10 +1,10 @@
-"""Coverage of a route, and how probably several looks at one place find what is searched for.
+"""Coverage of a route, and the probability that several looks at a cell find the target.
 
-Coverage is a loop over the observations, and within it one over the cells in reach.
+Coverage is a loop over the observations and, within it, over the cells in reach.
 
-A look is one picture that shows the place. Its probability is read from a table over ground sample distance and angle off the
-vertical. The first has the obliqueness of the ground in it (:func:`uavcover.kernels.sight.ground_sample_m`); the second stands
-for what rises from the ground and hides more the flatter the view is.
+A look is one photo that shows the cell. Its probability is read from a table over ground sample distance and angle off the
+vertical. The ground sample distance includes the slope of the ground (:func:`uavcover.kernels.sight.ground_sample_m`). The angle
+stands for objects on the ground, which hide more in flatter views.
 """
 
 import math
@@ -21,7 +21,7 @@ from uavcover.kernels.skyline import CLEAR, HIDDEN
 from uavcover.kernels.surface import Surface, has_node_cell
 
 _ROUNDING = 1e-9
-"""A picture that is due no further behind the end of a leg than this, as a share of it, is taken at its end."""
+"""A photo due after the end of a leg by at most this fraction of the leg is taken at its end."""
 
 
 @kernel
@@ -33,9 +33,9 @@ def sees(
     centre: NDArray[np.float64],
     normal: NDArray[np.float64],
 ) -> bool:
-    """Whether the sensor at ``eye`` (3,), turned by ``aim``, sees the cell with this centre (3,) and normal (3,).
+    """Whether the sensor at ``eye`` (3,), turned by ``aim``, observes the cell with this centre (3,) and normal (3,).
 
-    False where the eye is not finite.
+    False if the eye is not finite.
     """
     if not math.isfinite(eye[0] + eye[1] + eye[2]):
         return False
@@ -49,10 +49,10 @@ def sees(
 
 @allocating_kernel
 def _open_columns(cells: Cells, first: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(rows, columns + 1) for each place of the lattice, the next column, itself included, with a cell not yet seen.
+    """(rows, columns + 1) for each node of the lattice, the next column, itself included, with an unobserved cell.
 
-    ``columns`` stands for none. :func:`_observe` keeps the table up to date and jumps over runs of seen cells: along a path
-    seven of ten cells in reach were seen from the place before.
+    ``columns`` means none. :func:`_observe` updates the table and skips runs of observed cells: along a path, seven of ten cells
+    in reach were observed from the previous position.
     """
     rows, columns = cells.lattice.shape
     table = np.empty((rows, columns + 1), dtype=np.int32)
@@ -75,7 +75,7 @@ def _observe(
     first: NDArray[np.int64],
     table: NDArray[np.int32],
 ) -> int:
-    """Set ``first`` (n,) to ``number`` for every open cell that is seen from ``eye``, and close it in ``table``."""
+    """Set ``first`` (n,) to ``number`` for every open cell that is observed from ``eye``, and close it in ``table``."""
     ee, en, eu = eye
     if not math.isfinite(ee + en + eu):
         return 0
@@ -94,7 +94,7 @@ def _observe(
         j = max(0, math.ceil((ee - half - cells.east0_m) / cells.size_m))
         while j <= last:
             if table[i, j] != j:
-                # Seen already: jump, and shorten the way there for the next time (path halving).
+                # Already observed: jump, and shorten the path for the next time (path halving).
                 table[i, j] = table[i, table[i, j]]
                 j = table[i, j]
                 continue
@@ -102,7 +102,8 @@ def _observe(
             ce, cn, cu = centre[cell, 0], centre[cell, 1], centre[cell, 2]
             de, dn, du = ee - ce, en - cn, eu - cu
             if in_view(sight, aim, de, dn, du, normal[cell, 0], normal[cell, 1], normal[cell, 2]):
-                # What is known decides most rays, here and in place: a call with the ground costs as much as ten of these.
+                # The surroundings decide most rays. This is inlined, because a call with the ground costs as much as ten of
+                # these.
                 around = surroundings(surface, sight, cells, cell, over_nodes)
                 known = known_of_sight(around, cells.skylines.bounds, cells.rise, cell, de, dn, du)
                 if known == CLEAR or (known != HIDDEN and cell_in_line_of_sight(surface, sight, cells, cell, eye)):
@@ -121,7 +122,7 @@ def first_seen(
     eyes: NDArray[np.float64],
     headings: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """(n,) number of the first observation that sees each cell, -1 where none does.
+    """(n,) number of the first observation that observes each cell, -1 if none does.
 
     Args:
         surface: the ground.
@@ -148,10 +149,10 @@ def seen_often(
     needed: int,
     apart_m: float,
 ) -> NDArray[np.int64]:
-    """(n,) number of the observation with which each cell has been seen ``needed`` times, -1 where it never is.
+    """(n,) number of the observation with which each cell was observed ``needed`` times, -1 if never.
 
-    Observations are taken in their order; one nearer than ``apart_m`` to another that counted for the cell does not count.
-    See :func:`first_seen` for the rest.
+    Observations count in their order. One that is nearer than ``apart_m`` to a counted one for the same cell does not count. See
+    :func:`first_seen` for the rest.
     """
     rows, columns = cells.lattice.shape
     found = np.full(cells.centre_m.shape[0], -1, dtype=np.int64)
@@ -188,7 +189,7 @@ def seen_often(
 def near_another(
     counted: NDArray[np.float64], cell: int, times: int, apart_m: float, ee: float, en: float, eu: float
 ) -> bool:
-    """Whether a place is nearer than ``apart_m`` to one of the first ``times`` of (n, needed, 3) places of a cell."""
+    """Whether a position is nearer than ``apart_m`` to one of a cell's first ``times`` (n, needed, 3) positions."""
     for k in range(times):
         de, dn, du = counted[cell, k, 0] - ee, counted[cell, k, 1] - en, counted[cell, k, 2] - eu
         if de * de + dn * dn + du * du < apart_m * apart_m:
@@ -204,7 +205,7 @@ def seen_from_points(
     eyes: NDArray[np.float64],
     headings: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """(n,) whether each cell is seen by any of the observations; see :func:`first_seen`."""
+    """(n,) whether each cell is observed by any of the observations; see :func:`first_seen`."""
     return first_seen(surface, sight, cells, eyes, headings) >= 0
 
 
@@ -237,20 +238,19 @@ def sample_path(route: NDArray[np.float64], spacing: float) -> NDArray[np.float6
 
 @allocating_kernel
 def picture_places(path: NDArray[np.float64], distance: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Where a camera that is triggered by distance takes its pictures on a path: a picture at once, and then as autopilots do.
+    """Positions of the photos of a distance-triggered camera on a path: one at once, and then as autopilots trigger.
 
-    ArduPilot (AP_Camera) and PX4 (camera_trigger) take the next picture when the straight line over ground from the place of
-    the last one reaches ``distance``. It runs on round corners, whatever waypoints lie between, and is forgotten only when
-    the trigger is switched off. Climbing straight up takes no picture. This one function is used for routes that are
-    planned and for tracks that were flown.
+    ArduPilot (AP_Camera) and PX4 (camera_trigger) take the next photo when the straight line over ground from the last photo
+    reaches ``distance``. This line continues through corners and waypoints, and restarts only when the trigger is switched off.
+    Climbing straight up takes no photo. Planned routes and flown tracks both use this function.
 
     Args:
         path: (n, 3) ENU metres; only east and north count.
-        distance: between two pictures, metres, above 0.
+        distance: between two photos, metres, above 0.
 
     Returns:
-        (m,) number of the leg that each picture is taken on, and (m,) how far along it, 0..1. A picture at a corner belongs to
-        the leg that ends there.
+        (m,) number of the leg of each photo, and (m,) its position along it, 0..1. A photo at a corner belongs to the leg that
+        ends there.
     """
     n = path.shape[0]
     over_ground, gaps = 0.0, 0
@@ -260,7 +260,7 @@ def picture_places(path: NDArray[np.float64], distance: float) -> tuple[NDArray[
             over_ground += length
         else:
             gaps += 1
-    # No way is shorter than the straight line; behind a gap it may be; one for the beginning, and one against rounding.
+    # No path is shorter than the straight line, except after a gap; one for the begin, and one for rounding.
     legs = np.zeros(min(n, 1) * (int(over_ground / distance) + gaps + 2), dtype=np.int64)
     shares = np.zeros(legs.size)
     if n == 0:
@@ -272,13 +272,13 @@ def picture_places(path: NDArray[np.float64], distance: float) -> tuple[NDArray[
         length2 = de * de + dn * dn
         at = 0.0
         while length2 > 0.0:
-            # From the last picture to where the vehicle is: how much further until it is ``distance`` away?
+            # From the last photo to the vehicle: the remaining way until it is ``distance`` away.
             e, north = path[leg, 0] + at * de - last_e, path[leg, 1] + at * dn - last_n
             missing = e * e + north * north - distance * distance
             if missing < 0.0:
                 half = e * de + north * dn
                 at += (math.sqrt(half * half - length2 * missing) - half) / length2
-            # Asked for rather than against: a comparison with NaN is False.
+            # In this form, because a comparison with NaN is False.
             if not (at <= 1.0 + _ROUNDING and math.isfinite(missing)):
                 break
             at = min(at, 1.0)
@@ -302,13 +302,13 @@ def sees_each(
     centres: NDArray[np.float64],
     normals: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """(k,) whether each of k observations sees the cell of the same row; False where a place is not finite.
+    """(k,) whether each of k observations observes the cell of the same row; False if a position is not finite.
 
     Args:
         surface: the ground.
         sight: the sensor.
-        eyes: (k, 3) from where it observes.
-        headings: (k, 2) east and north, of any length: where the level vehicle heads there.
+        eyes: (k, 3) positions of the sensor.
+        headings: (k, 2) east and north, of any length: heading of the level vehicle.
         centres: (k, 3) of the cells.
         normals: (k, 3) of the cells.
     """
@@ -354,7 +354,7 @@ NO_DETECTION = detection_table(np.empty(0), np.empty(0), np.empty((0, 0)))
 
 
 class Looks(NamedTuple):
-    """What the looks at each of (n,) cells come to; (0,) and (0, SIDES) where it is not asked for.
+    """Result of the looks at each of (n,) cells; (0,) and (0, SIDES) if not requested.
 
     Attributes:
         missed: (n,) probability that all of them miss the target, each look independent of the others.
@@ -374,7 +374,7 @@ def no_looks(count: int) -> Looks:
 def look_probability(table: DetectionTable, sample_m: float, off_vertical_deg: float) -> float:
     """Probability that a look finds the target: bilinear in the table.
 
-    Finer than its first ground sample distance counts as that one; coarser than the last, or flatter than the last angle: 0.
+    A finer ground sample distance counts as the first one. A coarser one than the last, or a flatter angle than the last: 0.
     """
     samples, angles = table.sample_m, table.off_vertical_deg
     if not (sample_m <= samples[-1] and off_vertical_deg <= angles[-1]):

@@ -1,16 +1,16 @@
-"""What flying uses of a battery, in seconds of hovering: so a full battery has as many as the vehicle hovers.
+"""Battery use of a flight, in seconds of hovering. A full battery has as many seconds as the vehicle can hover.
 
-Power of a multirotor, as a multiple of its hovering power, has these parts:
+The power of a multirotor, as a multiple of its hovering power, has these parts:
 
 - induced: Glauert's momentum theory of a rotor in forward flight (Leishman, Principles of Helicopter Aerodynamics, 2.14); it
   falls with the airspeed;
 - profile: the drag of the blades, which grows with the airspeed (Zeng, Xu, Zhang 2019, doi 10.1109/TWC.2019.2902559, Eq. 12);
 - drag of the rotors, linear in the airspeed (Martin, Salaün 2010, doi 10.1109/ROBOT.2010.5509538), and of the body, quadratic;
-- climb: weight times vertical speed, of which a descent gives back a part;
+- climb: weight times vertical speed; a descent gives back a part;
 - the electronics.
 
-Drag and climb count per thrust, with the rotors' losses as in hovering. Energy is a sum over legs and waypoints, as flight
-time is (``kernels/flight_time.py``): a search or a split counts both the same way.
+Drag and climb count per thrust, with the rotors' losses as in hovering. Energy is a sum over legs and waypoints, like flight time
+(``kernels/flight_time.py``), so a search or a split computes both in the same way.
 """
 
 import math
@@ -27,16 +27,16 @@ _LEAST_M = 1e-6
 
 
 class Power(NamedTuple):
-    """What the power of flight depends on.
+    """Parameters of the power of flight.
 
     Attributes:
         induced_m_s: induced velocity in hover.
-        profile_share: share of the rotors' power in hover that the drag of the blades takes.
+        profile_share: fraction of the rotors' power in hover that the drag of the blades takes.
         tip_m_s: speed of the blades' tips.
         drag_1_s: drag of the rotors: acceleration per metre per second of airspeed.
         drag_1_m: drag of the body: acceleration per square of the airspeed.
-        idle_share: share of the power in hover that the electronics draw.
-        descent_gain: share of the potential energy that a descent gives back.
+        idle_share: fraction of the power in hover that the electronics draw.
+        descent_gain: fraction of the potential energy that a descent gives back.
         gust_m_s: standard deviation of the wind in each horizontal direction.
     """
 
@@ -52,7 +52,7 @@ class Power(NamedTuple):
 
 @kernel
 def power_share(power: Power, airspeed_m_s: float, climb_m_s: float) -> float:
-    """Power as a multiple of that in hover, at a horizontal airspeed with a vertical speed. Gusts are not in it."""
+    """Power as a multiple of that in hover, at a horizontal airspeed with a vertical speed, without gusts."""
     hover, v = power.induced_m_s, airspeed_m_s
     half = 0.5 * v * v
     induced_m_s = math.sqrt(math.sqrt(half * half + hover**4) - half)  # v_i^4 + V^2 v_i^2 = v_h^4
@@ -65,7 +65,7 @@ def power_share(power: Power, airspeed_m_s: float, climb_m_s: float) -> float:
 
 @kernel
 def in_wind(pace: Pace, east_m_s: float, north_m_s: float) -> Pace:
-    """The same vehicle in another wind, given by where it blows to."""
+    """The same vehicle in another wind, given by the direction towards which it blows."""
     return Pace(
         pace.cruise_m_s, pace.climb_m_s, pace.descent_m_s, pace.airspeed_m_s, east_m_s, north_m_s,
         pace.acceleration_m_s2, pace.vertical_acceleration_m_s2, pace.jerk_m_s3, pace.corner, pace.corner_radius_m,
@@ -77,7 +77,7 @@ def in_wind(pace: Pace, east_m_s: float, north_m_s: float) -> Pace:
 
 @kernel
 def _share_at(power: Power, pace: Pace, east_m_s: float, north_m_s: float, climb_m_s: float) -> float:
-    """Mean power in wind and gusts at a velocity over ground: the mean square of the airspeed counts, as drag does."""
+    """Mean power in wind and gusts at a velocity over ground; the mean square of the airspeed counts, as for drag."""
     east, north = east_m_s - pace.wind_east_m_s, north_m_s - pace.wind_north_m_s
     squared = east * east + north * north + 2.0 * power.gust_m_s**2
     return float(power_share(power, math.sqrt(squared), climb_m_s))
@@ -96,7 +96,7 @@ def _speeding_up(power: Power, pace: Pace, east_m_s: float, north_m_s: float, cl
 def leg_energy(power: Power, pace: Pace, p: Place, q: Place) -> float:
     """Seconds of hovering that the leg from rest at p to rest at q uses.
 
-    The time is that of :func:`leg_time`; in it the speed grows evenly, stays, and falls evenly, so that the length is right.
+    The time is that of :func:`leg_time`. The speed grows evenly, stays constant and falls evenly, so that the length is right.
     """
     east, north, up = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     length = math.sqrt(east * east + north * north + up * up)
@@ -109,7 +109,7 @@ def leg_energy(power: Power, pace: Pace, p: Place, q: Place) -> float:
         speed = speed_over_ground(pace, east / level, north / level) * length / level
     if abs(up) >= _LEAST_M:
         speed = min(speed, (pace.climb_m_s if up > 0.0 else pace.descent_m_s) * length / abs(up))
-    ramps = time - length / speed  # two ramps of this length, in each of which half the way at full speed is flown
+    ramps = time - length / speed  # two ramps of this length, each half as long as the same time at full speed
     if time < 2.0 * ramps:
         speed, ramps = 2.0 * length / time, 0.5 * time
     scale = speed / length
@@ -121,9 +121,9 @@ def leg_energy(power: Power, pace: Pace, p: Place, q: Place) -> float:
 
 @kernel
 def turn_energy(power: Power, pace: Pace, p: Place, q: Place, r: Place) -> float:
-    """What passing q uses more than a stop there, which its two legs count: 0 or less.
+    """Energy of passing q beyond that of a stop there, which its two legs count: 0 or less.
 
-    What it saves is time near rest, as the legs overlap: with a power that is linear in speed exactly so.
+    Overlapping legs save time near rest: exactly so if power is linear in speed.
     """
     return float(turn_time(pace, p, q, r) * _share_at(power, pace, 0.0, 0.0, 0.0))
 
@@ -146,7 +146,7 @@ def landing_energy(power: Power, pace: Pace, height_m: float) -> float:
 def column_energies(
     power: Power, pace: Pace, winds_m_s: NDArray[np.float64], height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(w,) seconds of hovering of a take-off to a height, and (w,) of the landing, in (w, 2) winds towards east and north."""
+    """(w,) seconds of hovering of a take-off to a height and (w,) of the landing, in (w, 2) winds."""
     up, down = np.empty(winds_m_s.shape[0]), np.empty(winds_m_s.shape[0])
     for w in range(winds_m_s.shape[0]):
         there = in_wind(pace, winds_m_s[w, 0], winds_m_s[w, 1])
@@ -161,7 +161,7 @@ def path_energies(
     """Seconds of hovering along an (n, 3) path in (w, 2) winds.
 
     Returns:
-        (w, n - 1) of each leg from rest to rest, and (w, n) that passing each waypoint uses more than a stop; 0 at the ends.
+        (w, n - 1) of each leg from rest to rest, and (w, n) of passing each waypoint beyond a stop; 0 at the ends.
     """
     n, winds = path.shape[0], winds_m_s.shape[0]
     legs, turns = np.zeros((winds, max(n - 1, 0))), np.zeros((winds, n))
@@ -179,7 +179,7 @@ def path_energies(
 def star_energies(
     power: Power, pace: Pace, winds_m_s: NDArray[np.float64], centre: Place, places: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(w, n) seconds of hovering from rest at a centre straight to each of (n, 3) places, and (w, n) back, in (w, 2) winds."""
+    """(w, n) seconds of hovering from a centre straight to (n, 3) positions and (w, n) back, in (w, 2) winds."""
     n, winds = places.shape[0], winds_m_s.shape[0]
     out, back = np.empty((winds, n)), np.empty((winds, n))
     for w in range(winds):

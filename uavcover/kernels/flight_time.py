@@ -1,15 +1,15 @@
-"""How long a vehicle takes along a route: legs flown with limited speed, acceleration and jerk, and waypoints that it passes.
+"""Flight time along a route: legs with limited speed, acceleration and jerk, and the waypoints in between.
 
-A leg is counted from rest to rest, and a waypoint gives back what passing it without a stop saves. So time is a sum over legs
-and over waypoints with their two legs, and a search can count a change of the route by what is near it.
+Each leg counts from rest to rest, and each waypoint subtracts the time saved by not stopping there. So time is a sum over legs
+and over waypoints with their two legs, and a search can count a change of the route locally.
 
-Two ways to pass a waypoint are known, and both are the autopilots' own:
+A waypoint is passed in one of two ways, as the autopilots do:
 
-- BLENDED, ArduCopter: each leg is a motion from rest to rest, and the next one begins before the last one ends, as early as
-  the corner stays inside a radius, the speed below that of both legs, and the acceleration inside its limits
+- BLENDED, ArduCopter: each leg is a motion from rest to rest. The next one begins before the last one ends, as early as the
+  corner stays inside a radius, the speed below that of both legs, and the acceleration inside its limits
   (SCurve::advance_target_along_track).
-- BRAKED, PX4: it brakes to the speed at which the corner fits into the acceptance radius, and from which it can stop at the
-  waypoint behind it (math::trajectory::computeXYSpeedFromWaypoints); the waypoint is passed where the radius begins.
+- BRAKED, PX4: it brakes to the speed at which the corner fits into the acceptance radius, and from which it can stop at the next
+  waypoint (math::trajectory::computeXYSpeedFromWaypoints); the waypoint is passed where the radius begins.
 """
 
 import math
@@ -26,39 +26,39 @@ BLENDED = 0
 BRAKED = 1
 
 _LEAST_M = 1e-6
-"""Less than this, of a leg or of its part on the map or in height, is no movement."""
+"""Shorter legs, or shorter horizontal or vertical parts of them, do not count as movement."""
 
 _BISECTIONS = 24
 _SETTLING_GAIN = 0.7
-"""Share of the settling time that a waypoint passed at full speed saves; of PX4, see docs/results/flight_time.md."""
+"""Fraction of the settling time that a waypoint passed at full speed saves; of PX4, see docs/results/flight_time.md."""
 
 
 class Pace(NamedTuple):
-    """How fast a vehicle gets along.
+    """Kinematic limits of a vehicle.
 
     Attributes:
         cruise_m_s: over ground, where wind and climb allow it.
         climb_m_s: largest speed up.
         descent_m_s: largest speed down.
-        airspeed_m_s: largest speed through the air, above that of the wind; infinite: the wind is no matter.
-        wind_east_m_s: where the wind blows to.
-        wind_north_m_s: likewise.
+        airspeed_m_s: largest speed through the air, above that of the wind; infinite: wind does not matter.
+        wind_east_m_s: east component of the direction towards which the wind blows.
+        wind_north_m_s: north component.
         acceleration_m_s2: over ground; infinite: speeds change at once.
         vertical_acceleration_m_s2: up and down.
-        jerk_m_s3: how fast the acceleration changes.
+        jerk_m_s3: rate of change of the acceleration.
         corner: how a waypoint is passed, BLENDED or BRAKED.
-        corner_radius_m: within which it is passed.
-        smoothing_s: by which each leg takes longer because the jerk does not change at once.
-        settling_s: by which a long leg takes longer because the vehicle follows its own set speed late.
+        corner_radius_m: of the corner.
+        smoothing_s: delay of each leg because the jerk does not change at once.
+        settling_s: delay of a long leg because the vehicle follows its set speed late.
         settling_tc_s: time constant of that.
-        vertical_change_m_s: largest change of the vertical speed at a waypoint that is passed without braking for it.
+        vertical_change_m_s: largest change of the vertical speed at a waypoint that needs no braking.
         takeoff_m_s: speed of the first metres of the climb from the ground.
-        takeoff_slow_m: how many metres these are.
+        takeoff_slow_m: length of this part.
         land_m_s: speed of the last metres of the landing.
-        land_slow_m: how many metres these are.
-        land_band_m: metres above those over which the speed changes from that of the descent.
-        yaw_rate_deg_s: at which the nose turns.
-        yaw_acceleration_deg_s2: how fast that rate changes; infinite: at once.
+        land_slow_m: length of this part.
+        land_band_m: band above it in which the speed changes from that of the descent.
+        yaw_rate_deg_s: largest yaw rate.
+        yaw_acceleration_deg_s2: rate of change of the yaw rate; infinite: at once.
     """
 
     cruise_m_s: float
@@ -86,7 +86,7 @@ class Pace(NamedTuple):
 
 
 class _Leg(NamedTuple):
-    """A leg as its motion needs it: unit vector, length, and the limits along it."""
+    """A leg for the motion model: unit vector, length, and the limits along it."""
 
     east: float
     north: float
@@ -98,7 +98,7 @@ class _Leg(NamedTuple):
 
 @kernel
 def speed_over_ground(pace: Pace, east: float, north: float) -> float:
-    """Speed along a direction (unit vector): cruise speed, or what the wind leaves of the airspeed."""
+    """Speed along a direction (unit vector): cruise speed, or less if the wind limits it."""
     if pace.airspeed_m_s == math.inf:
         return pace.cruise_m_s
     along = pace.wind_east_m_s * east + pace.wind_north_m_s * north
@@ -136,7 +136,7 @@ def _leg(pace: Pace, p: Place, q: Place) -> _Leg:
 
 @kernel
 def _ramp_s(speed: float, acceleration: float, jerk: float) -> float:
-    """Seconds from rest to a speed; half of them times the speed is the way."""
+    """Seconds from rest to a speed; half of them times the speed is the distance."""
     if speed >= acceleration * (acceleration / jerk):
         return speed / acceleration + acceleration / jerk
     return 2.0 * math.sqrt(speed / jerk)
@@ -156,7 +156,7 @@ def _peak_speed(leg: _Leg, jerk: float) -> float:
 
 @kernel
 def _ramp_state(time: float, leg: _Leg, peak: float, jerk: float) -> tuple[float, float, float]:
-    """Way, speed and acceleration so long after rest, in the first half of the ramp to the peak speed."""
+    """Distance, speed and acceleration after a time from rest, in the first half of the ramp to the peak speed."""
     most = min(leg.acceleration_m_s2, math.sqrt(peak * jerk))
     rise = most / jerk
     if time < rise:
@@ -203,7 +203,7 @@ def _settling_s(pace: Pace, leg: _Leg) -> float:
 
 @kernel
 def _braked_rest_s(pace: Pace, leg: _Leg) -> float:
-    """Seconds of a leg that is flown from rest to where the waypoint's radius begins, braking for a stop."""
+    """Seconds of a leg from rest to the edge of the waypoint's radius, braking for a stop."""
     way = max(leg.length_m - pace.corner_radius_m, 0.05 * pace.corner_radius_m)
     return _braked_leg(pace, way, leg.speed_m_s, 0.0, stopping_speed(pace, pace.corner_radius_m, 0.0))[0]
 
@@ -263,7 +263,7 @@ def _blended_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
 
 @kernel
 def circle_speed(pace: Pace, cosine: float) -> float:
-    """Speed of PX4 on a circle that ends on both legs of a corner at the radius; the cosine is that of the turn.
+    """Speed of PX4 on a circle that meets both legs of a corner at the radius, from the cosine of the turn.
 
     v^2 = a / 2 * radius * tan(half the angle between the legs).
     """
@@ -273,7 +273,7 @@ def circle_speed(pace: Pace, cosine: float) -> float:
 
 @kernel
 def _braked_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
-    """Seconds that passing the corner between two legs saves against a stop there."""
+    """Seconds saved by passing the corner between two legs, compared with a stop."""
     level_a, level_b = math.hypot(a.east, a.north), math.hypot(b.east, b.north)
     if level_a <= _LEAST_M or level_b <= _LEAST_M:
         return 0.0
@@ -303,7 +303,7 @@ def _braked_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
 
 @kernel
 def turn_time(pace: Pace, p: Place, q: Place, r: Place) -> float:
-    """Seconds that passing q takes more than a stop there, which its two legs count: 0 or less."""
+    """Extra seconds of passing q compared with a stop, which its two legs count: 0 or less."""
     if pace.acceleration_m_s2 == math.inf:
         return 0.0
     a, b = _leg(pace, p, q), _leg(pace, q, r)
@@ -327,7 +327,7 @@ def leg_times(pace: Pace, route: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @allocating_kernel
 def turn_times(pace: Pace, route: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) seconds that passing each waypoint of an (n, 3) route takes more than a stop, 0 or less; 0 at its ends."""
+    """(n,) extra seconds of passing each waypoint compared with a stop, 0 or less; 0 at the ends of the route."""
     out = np.zeros(route.shape[0])
     for k in range(1, route.shape[0] - 1):
         out[k] = turn_time(
@@ -372,7 +372,7 @@ def landing_time(pace: Pace, height_m: float) -> float:
 
 @kernel
 def mission_time(pace: Pace, path: NDArray[np.float64]) -> float:
-    """Seconds of a whole flight along a (k, 3) path from the ground at its first point to the ground at its last one.
+    """Seconds of a whole flight along a (k, 3) path, from the ground at one end to the ground at the other.
 
     The first leg is the take-off and the last one the landing, both straight up and down.
     """

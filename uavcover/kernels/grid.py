@@ -4,10 +4,9 @@ The nodes are the pixels of the elevation file; nothing is resampled. A raster i
 stretched and slightly bent in the local frame, so column and row are polynomials of the third degree in east and north: within
 10 km of latitude 60 they are exact to a hundredth of a millimetre, where the second degree errs by 6 mm.
 
-Height above ground is measured along the plumb line, as an elevation file means it: the height above sea level of a place
-minus that of the file at its latitude and longitude. Away from the origin a plumb line leans against the up axis by the
-distance over the Earth's radius: 0.3 m on 500 m at 4 km. Each place is therefore first moved along its plumb line to one
-level.
+Height above ground is measured along the plumb line, as an elevation file means it: the height above sea level of a place minus
+that of the file at its latitude and longitude. Away from the origin a plumb line leans against the up axis by the distance over
+the Earth's radius: 0.3 m on 500 m at 4 km. Each place is therefore first moved along its plumb line to one level.
 
 Heights between nodes are bilinear, in columns and rows: that part knows nothing of metres. A node without data is NaN, and so
 is every place in a cell that touches one.
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from uavcover.kernels.jit import allocating_kernel, kernel
 
 _ABOVE_M = 1e-6
-"""A line that is higher by this than all nodes of a cell is above it, whatever rounding does."""
+"""A line that is higher than all nodes of a cell by this is above it despite rounding."""
 
 TERMS = 10
 """Of a polynomial of the third degree: 1, x, y, x^2, x y, y^2, x^3, x^2 y, x y^2, y^3."""
@@ -33,7 +32,7 @@ class GridFrame(NamedTuple):
 
     Attributes:
         east0_m: x = (east - east0_m) / scale_m, with the east at which the plumb line meets the level.
-        north0_m: y = (north - north0_m) / scale_m, likewise.
+        north0_m: y = (north - north0_m) / scale_m, the same.
         scale_m: unit of x and y.
         terms: (2, TERMS) float64 coefficients of the column's and of the row's polynomial.
         level_up_m: up coordinate of the level.
@@ -44,8 +43,8 @@ class GridFrame(NamedTuple):
         per_row: rows to a metre, at most.
         skew: cosine of the angle between the directions in which columns and rows count, at most; 0: at right angles.
         piece_m: a straight line of at most this length is taken as straight on the grid.
-        leeway: the ground under the straight line between two places is on the grid inside the box around both, grown by so
-            many nodes.
+        leeway: the ground under the straight line between two places is on the grid inside the box around both, grown by this
+            number of nodes.
     """
 
     east0_m: float
@@ -93,7 +92,7 @@ def on_grid(frame: GridFrame, east: float, north: float, up: float) -> tuple[flo
 
 @allocating_kernel
 def places_on_grid(frame: GridFrame, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) columns and rows of (n, 3) places."""
+    """(n, 2) columns and rows of (n, 3) positions."""
     out = np.empty((places.shape[0], 2))
     for i in range(places.shape[0]):
         out[i, 0], out[i, 1] = on_grid(frame, places[i, 0], places[i, 1], places[i, 2])
@@ -119,10 +118,10 @@ def growth_on_grid(frame: GridFrame, east: float, north: float, up: float) -> ND
 
 @kernel
 def slope_of_cell(frame: GridFrame, across: float, along: float) -> float:
-    """Bound on the slope (tangent) of ground that rises by at most ``across`` a column and ``along`` a row; inf if unknown."""
+    """Bound on the slope (tangent) of ground that rises by ``across`` a column and ``along`` a row; inf if unknown."""
     x, y = across * frame.per_column, along * frame.per_row
     slope = math.sqrt(x * x + y * y + 2.0 * x * y * frame.skew)
-    # What leans with the plumb lines is seen steeper from the up axis.
+    # What leans with the plumb lines is observed steeper from the up axis.
     left = 1.0 - slope * frame.lean
     return slope / left if left > 0.0 else math.inf
 
@@ -153,7 +152,7 @@ def _next_crossing(position: float, direction: float, index: int) -> float:
 def range_on_nodes(
     z: NDArray[np.float64], u0: float, v0: float, pu: float, u1: float, v1: float, qu: float, stop_below: float
 ) -> tuple[float, float, float, float]:
-    """Smallest height of a line above the nodes, where along it (0..1), the largest, where; NaN where it leaves the data.
+    """Smallest and largest height of a line above the nodes, each with its parameter 0..1; NaN outside the data.
 
     Args:
         z: (rows, columns) heights of the nodes.
@@ -215,9 +214,9 @@ def range_on_nodes(
 def stays_above_nodes(
     z: NDArray[np.float64], u0: float, v0: float, pu: float, u1: float, v1: float, qu: float, limit: float
 ) -> bool:
-    """Whether a line is nowhere lower than ``limit`` above the nodes; False where it leaves the data.
+    """Whether a line is nowhere lower than ``limit`` above the nodes; False outside the data.
 
-    The answer of :func:`range_on_nodes`, found sooner: over cells whose nodes are all lower than the line, nothing else is asked.
+    Faster than :func:`range_on_nodes`: cells whose nodes are all lower than the line need no further test.
     """
     rows, columns = z.shape
     if not (among_nodes(z, u0, v0) and among_nodes(z, u1, v1)):
@@ -290,8 +289,8 @@ def parabola_range(a: float, m: float, b: float) -> tuple[float, float, float, f
 def steepest_slope(nodes: NDArray[np.float64], frame: GridFrame) -> float:
     """Bound on the slope between any two places of a bilinear grid, tangent; infinite when a node has no data.
 
-    Inside a cell the slope along the columns lies between those of its two edges, and likewise along the rows; the larger of
-    both edges in each direction gives a bound for the cell, and a path is no steeper than the cells it crosses.
+    Inside a cell, the slope along the columns lies between those of its two edges, and the same holds for rows. The larger of
+    both edges in each direction bounds the cell, and a path is at most as steep as its cells.
     """
     steepest = 0.0
     for i in range(nodes.shape[0] - 1):
@@ -305,7 +304,7 @@ def steepest_slope(nodes: NDArray[np.float64], frame: GridFrame) -> float:
 
 @kernel
 def steepest_in_cell(nodes: NDArray[np.float64], frame: GridFrame, i: int, j: int) -> float:
-    """Bound on the slope in the cell between nodes (i, j) and (i + 1, j + 1), tangent; NaN when one of them has no data."""
+    """Bound on the slope (tangent) in the cell from node (i, j); NaN if one of its nodes has no data."""
     across = max(abs(nodes[i, j + 1] - nodes[i, j]), abs(nodes[i + 1, j + 1] - nodes[i + 1, j]))
     along = max(abs(nodes[i + 1, j] - nodes[i, j]), abs(nodes[i + 1, j + 1] - nodes[i, j + 1]))
     if math.isnan(nodes[i, j] + nodes[i, j + 1] + nodes[i + 1, j] + nodes[i + 1, j + 1]):
@@ -315,7 +314,7 @@ def steepest_in_cell(nodes: NDArray[np.float64], frame: GridFrame, i: int, j: in
 
 @kernel
 def steepest_of_finite(nodes: NDArray[np.float64], frame: GridFrame) -> float:
-    """:func:`steepest_slope` of the cells that have data and a known slope; 0 when there is none."""
+    """:func:`steepest_slope` of the cells that have data and a known slope; 0 without one."""
     steepest = 0.0
     for i in range(nodes.shape[0] - 1):
         for j in range(nodes.shape[1] - 1):

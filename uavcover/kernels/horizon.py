@@ -1,10 +1,9 @@
-"""How steeply the ground rises around a cell, by sectors: which rays need no tracing.
+"""Rise of the ground around a cell, by sectors: decides rays without tracing.
 
-A ray from a cell that leaves it more steeply than everything in its sector rises above the cell is clear of the ground. What
-rises is bounded: around the cell by the gradients of the cells of the grid that touch its own, further out by the highest
-ground in squares of the map, which grow with their distance so that each is seen under much the same angle. A ray that leaves
-it less steeply than the lowest ground of a whole ring of its sector ends in that ground. Bounds only save work: a ray that they
-do not decide is traced.
+A ray that is steeper than everything that rises above the cell in its sector is clear of the ground. The rise is bounded by the
+gradients of the adjacent grid cells and, further out, by the highest ground in squares of the map, which grow with their distance
+so that each has a similar angular size. A ray that is flatter than the lowest ground of a whole ring of its sector ends in that
+ground. Bounds only save work: other rays are traced.
 """
 
 import math
@@ -22,13 +21,13 @@ CLEAR_FROM, HIDDEN_BELOW, HIDDEN_BEYOND_M = 0, 1, 2
 """Rows of :func:`rises`."""
 
 _FILLED_M = 1e9
-"""Stands for ground without data: nothing is known to be clear of it."""
+"""Rise of ground without data: no ray is known to be clear of it."""
 
 _MOST_SQUARES = 4_000_000
 _MOST_BANDS = 16
 """Rings around a cell whose ground may hide what is behind it, half a pixel wide each."""
 _DEEP_M = 1e-3
-"""A hidden ray is so far below the ground in one place at least."""
+"""A hidden ray is at least this far below the ground at one position."""
 
 _SECTOR_RAD = 2.0 * math.pi / SECTORS
 _HALF = math.tan(_SECTOR_RAD)
@@ -37,7 +36,7 @@ _PIECES = 4
 """Parts of a cell of the grid beside a place, in columns and in rows, whose ground is looked at one by one."""
 
 _BENT = 1e-3
-"""Share of a slope by which it may be steeper: over three cells a grid in geographic coordinates is not quite straight."""
+"""Fraction of a slope by which it may be steeper: over three cells a grid in geographic coordinates is not quite straight."""
 
 
 @kernel
@@ -71,9 +70,9 @@ def rises(
     Args:
         surface: the ground; on an analytic one rays are cheap.
         centre: (n, 3) of the cells, on the ground or above it.
-        reach_m: on the map; rays to places further away are no matter.
-        flattest: tangent of the flattest ray that is asked for, 0 at least: the least of CLEAR_FROM. Ground that rises less hides
-            nothing, and is left out.
+        reach_m: on the map; rays to places further away do not matter.
+        flattest: tangent of the flattest ray that is requested, 0 at least: the least of CLEAR_FROM. Ground that rises less
+            hides nothing, and is left out.
         closely: find close bounds, and the rays that are hidden. Otherwise bounds are found sooner and less close, and no ray is
             hidden by them.
     """
@@ -92,7 +91,7 @@ def rises(
     count = math.ceil(wide_m / side_m / 2**levels) * 2**levels
     if count * count > _MOST_SQUARES:
         return nothing
-    # Gaps in the data rise without end; what lies outside of the data rises to nothing, and no ray is clear from there.
+    # Gaps in the data rise to infinity. Ground outside the data does not rise, and no ray from there is clear.
     filled = surface._replace(up_m=np.where(np.isnan(surface.up_m), _FILLED_M, surface.up_m))
     east0, north0 = west - reach_m - side_m, south - reach_m - side_m
     beside = grid.lean * (high - low + reach_m)
@@ -114,7 +113,7 @@ def rises(
     bands = min(_MOST_BANDS, int((reach_m - low_side_m) / low_side_m)) if closely else 0
     below, beyond_m = _walls(centre, clear, lows, east0, north0, low_side_m, bands, flattest)
     out = np.empty((len(centre), 3, SECTORS), dtype=np.float32)
-    # Rounded to the side on which nothing is decided.
+    # Rounded to the undecided side.
     out[:, CLEAR_FROM] = np.nextafter(clear.astype(np.float32), np.float32(math.inf))
     out[:, HIDDEN_BELOW] = np.nextafter(below.astype(np.float32), np.float32(-math.inf))
     out[:, HIDDEN_BEYOND_M] = np.nextafter(beyond_m.astype(np.float32), np.float32(math.inf))
@@ -124,7 +123,7 @@ def rises(
 def _lowest(
     surface: Surface, count: int, east0: float, north0: float, side_m: float, beside_m: float
 ) -> NDArray[np.float64]:
-    """(count / 2, count / 2) height that no ground of a square of twice the side is below; -inf where some has no data."""
+    """(count / 2, count / 2) lower bound of the ground of squares of twice the side; -inf with missing data."""
     turned = surface._replace(up_m=np.where(np.isnan(surface.up_m), _FILLED_M, -surface.up_m))
     lows = -highest_in_squares(turned, east0, north0, 2.0 * side_m, count // 2, beside_m)
     return np.where(np.isnan(lows) | (lows <= -_FILLED_M), -math.inf, lows)
@@ -135,10 +134,10 @@ def _walls(
     centre: NDArray[np.float64], clear: NDArray[np.float64], lows: NDArray[np.float64], east0: float, north0: float,
     side: float, bands: int, flattest: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
-    """(n, 16) tangents below which rays are hidden, and (n, 16) how far away from there on; -inf where none is.
+    """(n, 16) tangents below which rays are hidden, and (n, 16) their distance; -inf without one.
 
-    Every ray of a sector that goes through a ring meets ground there that is as high as the lowest of all squares with a part in
-    both. Below the tangent to that at the outer side of the ring, it is below the ground there.
+    Every ray of a sector that crosses a ring meets ground there that is as high as the lowest of all squares that touch both.
+    Below the tangent to that at the outer side of the ring, it is below the ground there.
     """
     below, beyond = np.full((centre.shape[0], SECTORS), -math.inf), np.zeros((centre.shape[0], SECTORS))
     lowest = np.empty((SECTORS, max(bands, 1)))
@@ -184,11 +183,11 @@ def _walls(
 
 @allocating_kernel
 def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int, flattest: float) -> NDArray[np.float64]:
-    """(n, 16) slope of the rise of the 3 x 3 cells of the grid around each centre in each sector, and ``flattest`` at least.
+    """(n, 16) slope of the rise of the 3 x 3 grid cells around each centre, by sector; at least ``flattest``.
 
-    A straight way over a bilinear cell is as steep as the gradient at one of its corners allows in that direction. Of the cells
-    around, those count that a way in the sector may enter, with no more than their highest ground at its distance
-    allows. Infinite without data.
+    A straight path over a bilinear cell is as steep as the gradient at one of its corners allows in that direction. Only cells
+    that a
+    path in the sector may enter count, and only as far as their highest ground at its distance allows. Infinite without data.
     """
     grid, nodes = surface.grid, surface.up_m
     rows, columns = nodes.shape
@@ -245,7 +244,7 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int, f
 
 @kernel
 def _steepest_around(surface: Surface, i: int, j: int) -> float:
-    """Bound on the slope of the ground in the 3 x 3 cells of the grid around the cell in a row and column; inf without data."""
+    """Bound on the slope of the ground in the 3 x 3 grid cells around a cell; inf without data."""
     nodes, across, along = surface.up_m, 0.0, 0.0
     for row in range(i - 1, i + 3):
         for column in range(j - 1, j + 3):
@@ -265,19 +264,20 @@ def _raise_in_cell(
 ) -> None:  # fmt: skip
     """Raise the tangents by the ground of one cell of the grid, in pieces.
 
-    No straight way to a place of a piece is steeper than the highest ground of the piece at its nearest distance, nor than the
-    steepest ground on the way. Of all pieces on a way, the largest of the smaller of the two bounds holds: until a way gets to
-    the first piece with a steeper slope than that, it has not risen more, and in that piece it ends below the other bound.
+    A straight path to a position of a piece is at most as steep as the highest ground of the piece at its nearest distance, and
+    as the steepest ground below the path. Of all pieces on a path, the largest of the smaller of the two bounds holds: until a
+    path reaches the first piece with a steeper slope than that, it has not risen more, and in that piece it ends below the other
+    bound.
 
     Args:
         surface: a grid.
         i: row of the cell.
         j: its column.
-        u: column of the place that is looked from.
+        u: column of the observer.
         v: its row.
         up: its height.
         growth: of the grid there.
-        slopes: (16,) of the cell's ground in each sector, 0 where the sector has none of it.
+        slopes: (16,) of the cell's ground in each sector, 0 for sectors without any of it.
         pieces: of the cell, in columns and in rows.
         rise: (16,) is raised.
     """
@@ -369,7 +369,7 @@ def _gradients_of_cell(
 
 @kernel
 def _entered(at_right: float, at_left: float) -> tuple[int, int]:
-    """First and last of three columns that ways from the middle one enter, if they go on so fast at both ends of an sector."""
+    """First and last of three columns that paths from the middle one enter, from their directions at the sector's ends."""
     return 0 if min(at_right, at_left) < 0.0 else 1, 2 if max(at_right, at_left) > 0.0 else 1
 
 
@@ -378,15 +378,15 @@ def _raise(
     rise: NDArray[np.float64], centre: NDArray[np.float64], tops: NDArray[np.float64], around: NDArray[np.float64],
     east0: float, north0: float, side: float, begin: float, end: float,
 ) -> None:  # fmt: skip
-    """Raise the tangents, none below 0, by the squares that lie, in part at least, between two distances from each centre.
+    """Raise the tangents, none below 0, by the squares that lie partly between two distances from each centre.
 
-    ``around`` has for each square the highest of all within the farther distance of a place in it.
+    ``around`` has, for each square, the highest of all squares within the farther distance.
     """
     half = 0.5 * side
     wider = half * (1.0 + 1e-9)
     rows, columns = tops.shape
     begin2, end2 = begin * begin * (1.0 - _ROUNDING), end * end * (1.0 + _ROUNDING)
-    # Of each sector's tangent and those beside it.
+    # For each sector, its tangent and the two adjacent ones.
     least_of_three = np.empty(SECTORS)
     for k in range(centre.shape[0]):
         e, n, u = centre[k, 0] - east0, centre[k, 1] - north0, centre[k, 2]

@@ -1,4 +1,4 @@
-"""How kernels are compiled, what a kernel may take and keep, and where its machine code is cached.
+"""Rules for kernels: compilation, arguments, state, and the cache of machine code.
 
 **What a kernel takes.** Numbers, NumPy arrays, tuples and NamedTuples of these, other kernels, and a ``np.random.Generator``;
 no dataclass, dictionary, string or callback. Arrays are C-contiguous and of the type that the annotation states; a read-only
@@ -51,21 +51,21 @@ SETTINGS: Any = numba.config
 
 _FOLDER = "kernels"
 _KEPT = 3
-"""States of a file whose machine code stays: this one and the latest others, for who goes to and fro between two."""
+"""States of a file whose machine code is kept: this one and the latest others, for work on two branches."""
 _PACKAGE = Path(__file__).parents[1]
 _IMPORT = re.compile(rf"^\s*(?:from|import) {_PACKAGE.name}\.([\w.]+)(?: import (\w+))?", re.MULTILINE)
 
 
 def keep_compiled(dispatcher: Any) -> None:
-    """Let a compiled function load its machine code from where it is kept, and keep it there, where there is a place for it."""
+    """Let a compiled function load and store its machine code, if a folder for it exists."""
     if root() is not None:
-        # What numba's own ``cache=True`` does, with another class of cache.
+        # As numba's ``cache=True``, with another class of cache.
         dispatcher._cache = _KernelCache(dispatcher.py_func)  # type: ignore[no-untyped-call]
 
 
 @functools.cache
 def root() -> Path | None:
-    """The folder of all machine code, made if need be; none when no place can be written to."""
+    """The folder of all machine code, created if necessary; None if no folder is writable."""
     of_user = AppDirs(appname="uavcover", appauthor=False).user_cache_dir  # type: ignore[no-untyped-call]
     places = [Path(__file__).parent / "__pycache__", Path(of_user)]
     if SETTINGS.CACHE_DIR:
@@ -80,7 +80,7 @@ def root() -> Path | None:
 
 @functools.cache
 def folder(source: Path) -> Path | None:
-    """The folder of this state of a file of kernels, made if need be and older ones removed; none without a place."""
+    """The folder of this state of a file of kernels; created if necessary, older ones removed; None without a folder."""
     place = root()
     if place is None:
         return None
@@ -89,12 +89,12 @@ def folder(source: Path) -> Path | None:
         if not found.is_dir():
             found.mkdir(exist_ok=True)
             _remove_old(place, source.stem)
-        os.utime(found)  # younger than those that are not used
+        os.utime(found)  # newer than unused ones
     return found
 
 
 def _key(source: Path) -> str:
-    """What machine code depends on and numba does not look at itself (it does at the processor and the version of Python)."""
+    """Dependencies of machine code that numba does not check (it checks the processor and the version of Python)."""
     state = hashlib.sha256()
     settings = (SETTINGS.OPT, SETTINGS.BOUNDSCHECK)
     state.update(repr((numba.__version__, llvmlite.__version__, np.__version__, settings)).encode())
@@ -105,7 +105,7 @@ def _key(source: Path) -> str:
 
 
 def _sources(source: Path) -> set[Path]:
-    """A file of kernels and those that it imports, directly or not."""
+    """A file of kernels and all files of kernels that it imports, directly or indirectly."""
     found: set[Path] = set()
     ahead = [source]
     while ahead:
@@ -127,7 +127,7 @@ def _remove_old(place: Path, stem: str) -> None:
 
 
 class _Locator:
-    """Tells numba where a kernel's machine code is, and what it is for."""
+    """Locates the machine code of a kernel for numba, with its key."""
 
     def __init__(self, function: Callable[..., object], file: str, place: Path) -> None:
         self._py_file = file  # named so in numba's warnings
@@ -157,12 +157,12 @@ class _KernelCacheFiles(CompileResultCacheImpl):
 
 
 class _KernelCache(FunctionCache):
-    """Numba's cache of one function, in our folder: what cannot be read is compiled again, errors of writing are ignored."""
+    """Numba's cache of one function in our folder: unreadable code is compiled again, write errors are ignored."""
 
     _impl_class = _KernelCacheFiles
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled function of a signature; none where it is not kept."""
+        """The compiled function of a signature; None if it is not cached."""
         _load_array_functions()
         return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
@@ -171,7 +171,7 @@ class _KernelCache(FunctionCache):
             found = super()._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except OSError:
             return None
-        except Exception:  # a broken pickle raises nearly anything
+        except Exception:  # a broken pickle can raise almost any error
             self.flush()  # type: ignore[no-untyped-call]
             return None
         # Two processes that save at the same moment may give two files of machine code one name.
@@ -220,7 +220,7 @@ def inlined_kernel(function: _F) -> _F:
 
 
 def _compiled(function: _F, *, counts: bool, inline: str = "never") -> _F:
-    """``counts``: whether users of arrays are counted; a kernel passes this on to what it calls unless that says it itself."""
+    """``counts``: whether to count users of arrays; a kernel passes this on to its callees unless they set it."""
     # numba's stubs do not know _nrt
     settings: dict[str, Any] = {"nogil": True, "fastmath": False, "_nrt": counts, "inline": inline}
     compiled = numba.njit(**settings)(function)
@@ -231,7 +231,7 @@ def _compiled(function: _F, *, counts: bool, inline: str = "never") -> _F:
 
 
 def _forget_values(dispatcher: Any) -> None:
-    """Let kernels that call it with a number share one version: numba compiles another one for each number that it reads."""
+    """Let kernels that call it with a number share one version; numba compiles one for each number it reads."""
     template = dispatcher.get_call_template
 
     def of_types(args: Sequence[Any], kws: dict[str, Any]) -> Any:

@@ -1,14 +1,14 @@
-"""The cells that a leg or a place sees, as a list that the local search adds or removes.
+"""The cells that a leg or a position observes, as a list that the local search adds or removes.
 
-A leg is observed from regular samples along it; a place is a leg whose ends coincide. The set of places from which a cell is
-in view is convex for every sensor here (a ball, a disc, a cone or a pyramid above the cell; a level vehicle keeps its heading
-along a leg), so the samples of a leg that see a cell are consecutive: their range is solved in closed form, and only inside
-it are samples tried. Along a straight leg each side plane of a pyramid is linear.
+A leg is observed from regular samples along it; a position is a leg with equal ends. For every sensor here, the set of positions
+from which a cell is in view is convex (a ball, a disc, a cone or a pyramid above the cell; a level vehicle keeps its heading
+along a leg). So the samples of a leg that observe a cell are consecutive. Their range is solved in closed form, and only samples
+inside it are tested. Along a straight leg, each side plane of a pyramid is linear.
 
-A camera that is triggered by distance takes its pictures where the way before it says, which the local search would have to
-work out anew behind every change. A leg is therefore taken to show what it shows wherever the pictures happen to fall: what is
-in view all along a stretch of the trigger's distance, for on every such stretch there is a picture. Nothing can be gained by
-many short legs or by lengths that suit the trigger, and a flight that rounds its corners shows it as well.
+The photos of a distance-triggered camera depend on the path before the leg, which the local search would have to recompute after
+every change. A leg is therefore taken to show what is in view all along a stretch of the trigger distance, because every such
+stretch contains a photo. A search cannot exploit short legs or lengths that suit the trigger, and a flight with rounded corners
+shows the same ground.
 """
 
 import math
@@ -36,7 +36,7 @@ from uavcover.kernels.surface import Surface, has_node_cell
 
 _ROUNDING = 1e-7
 _INWARD = 0.02
-"""Share of the room that a stretch has, from each of its ends, where it is not tried."""
+"""Fraction of the range of a stretch, from each of its ends, that is not tried."""
 
 
 @kernel
@@ -56,7 +56,7 @@ def list_cells(
     trigger: float,
     out: NDArray[np.int32],
 ) -> int:
-    """Write the numbers of the cells seen from the leg p-q into ``out``; returns their count.
+    """Write the numbers of the cells observed from the leg p-q into ``out``; returns their count.
 
     Args:
         surface: the ground.
@@ -65,7 +65,7 @@ def list_cells(
         p: east, north, up of one end, metres, finite.
         q: of the other end; the same for a single place.
         spacing: largest distance between samples, metres.
-        trigger: distance between pictures, metres, which then take the place of the samples (:func:`leg_surely_shows`); 0: none.
+        trigger: distance between photos, metres, which then take the place of the samples (:func:`leg_surely_shows`); 0: none.
         out: (stride,) is written from its beginning.
 
     Returns:
@@ -83,10 +83,11 @@ def list_cells(
     picture = sight.kind == FRUSTUM
     tan = sight.tan_half_fov
     # How fast the radius of a cone on the ground grows along the leg; where it grows slower than the leg moves on, a cell
-    # beside the leg is seen from somewhere on its straight line when radius^2 >= distance^2 (1 - growth^2) at the nearest place.
+    # beside the leg is observed from somewhere on its straight line when radius^2 >= distance^2 (1 - growth^2) at the nearest
+    # place.
     growth2 = tan * tan * du * du * per_length2
     narrows = sight.kind == CONE and horizontal2 > 0.0 and growth2 < 1.0
-    # A ray inside a cone or a picture that is steeper than the ground ever is needs no test, unless an obstacle stands near its
+    # A ray inside a cone or a photo that is steeper than the ground ever is needs no test, unless an obstacle stands near its
     # cell.
     widest = widest_tangent(sight)
     beyond = 0.5 * trigger * math.sqrt(per_length2)
@@ -129,7 +130,7 @@ def list_cells(
                 likely = math.floor(nearest * pieces + 0.5)
                 t = likely * piece
                 e, n, u = ae + t * de, an + t * dn, p[2] - cells.centre_m[cell, 2] + t * du
-                # In view first, here and in place: it decides for most cells, and a call with the ground costs as much again.
+                # Test the view first, inlined: it decides most cells, and a call with the ground costs as much again.
                 seen = in_round_view(
                     sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
                 )
@@ -157,7 +158,7 @@ def leg_sees_cell(
     pieces: int,
     over_nodes: bool,
 ) -> bool:
-    """Whether any sample of the leg from p by d, cut in ``pieces``, sees the cell.
+    """Whether any sample of the leg from p by d, cut in ``pieces``, observes the cell.
 
     ``over_nodes``: whether both ends, and so all of the leg, are over the nodes of the ground.
     """
@@ -186,7 +187,7 @@ def leg_sees_cell(
             return False
         first = max(0, math.ceil(low * pieces - _ROUNDING * pieces))
         last = min(pieces, math.floor(high * pieces + _ROUNDING * pieces))
-    # From the nearest sample outward: its ray is the steepest.
+    # From the nearest sample outwards, because its ray is the steepest.
     horizontal2 = de * de + dn * dn
     nearest = math.floor(-(ae * de + an * dn) / horizontal2 * pieces + 0.5) if horizontal2 > 0.0 else first
     middle = min(last, max(first, nearest))
@@ -199,7 +200,7 @@ def leg_sees_cell(
             if first <= k <= last and (away > 0 or side < 0):
                 t = k / max(pieces, 1)
                 e, n, u = ae + t * de, an + t * dn, au + t * du
-                # What is known decides most rays, here and in place: a call with the ground costs as much as ten of these.
+                # The surroundings decide most rays, inlined: a call with the ground costs as much as ten of these.
                 known = known_of_sight(around, cells.skylines.bounds, cells.rise, cell, e, n, u)
                 if (
                     known != HIDDEN
@@ -221,20 +222,20 @@ def leg_surely_shows(
     trigger: float,
     over_nodes: bool,
 ) -> bool:
-    """Whether a picture has the cell in view all along a stretch as long as the trigger's distance, its middle on the leg p by d.
+    """Whether a photo has the cell in view all along a stretch of the trigger distance, centred on the leg p by d.
 
-    Half of the stretch may lie beyond an end of the leg, as if the way went straight on: waypoints on a straight line change
-    nothing, and behind the last picture of a line half the distance is missing on average. The places that have a cell in view
-    are convex, so the ends decide; rays are traced from the ends and the middle. A leg straight up shows nothing.
+    Half of the stretch may lie beyond an end of the leg, as if the path continued straight: waypoints on a straight line change
+    nothing, and after the last photo of a line half the distance is missing on average. The positions with a cell in view are
+    convex, so the ends decide; rays are traced from the ends and the middle. A vertical leg shows nothing.
 
-    ``over_nodes``: whether both ends, with half a stretch more, are over the nodes of the ground.
+    ``over_nodes``: whether both ends, extended by half a stretch, are over the nodes of the ground.
     """
     de, dn, du = d
     over_ground = math.hypot(de, dn)
     if over_ground == 0.0:
         return False
     beyond = 0.5 * trigger / over_ground
-    # The leg with half a stretch more at each end, and half a stretch as a share of it.
+    # The leg with half a stretch more at each end, and half a stretch as a fraction of it.
     half = beyond / (1.0 + 2.0 * beyond)
     d = (de * (1.0 + 2.0 * beyond), dn * (1.0 + 2.0 * beyond), du * (1.0 + 2.0 * beyond))
     ae = p[0] - beyond * de - cells.centre_m[cell, 0]
@@ -250,7 +251,7 @@ def leg_surely_shows(
     first, last = low + half, high - half
     if not first <= last:
         return False
-    # Clear of both ends, where rounding decides; from the nearest place outward: its rays are the steepest.
+    # Away from both ends, where rounding decides; from the nearest position outwards, because its rays are the steepest.
     room = _INWARD * (last - first)
     middle = min(last - room, max(first + room, -(ae * d[0] + an * d[1]) / horizontal2))
     aim, a, around = level_aim(sight, de, dn), (ae, an, au), surroundings(surface, sight, cells, cell, over_nodes)
@@ -281,7 +282,7 @@ def leg_surely_shows(
 def _known_of_sample(
     sight: Sight, aim: Aim, cells: Cells, cell: int, around: AroundCell, a: Point, d: Point, t: float
 ) -> int:
-    """:func:`known_of_sight` to the cell's own centre plus a plus t d; HIDDEN where that is not in view."""
+    """:func:`known_of_sight` to the cell's own centre plus a plus t d; HIDDEN if that is not in view."""
     e, n, u = a[0] + t * d[0], a[1] + t * d[1], a[2] + t * d[2]
     if not in_view(sight, aim, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]):
         return HIDDEN
@@ -298,7 +299,7 @@ def _traced(surface: Surface, sight: Sight, cells: Cells, cell: int, a: Point, d
 
 @kernel
 def _inside(a: float, b: float, c: float) -> tuple[float, float]:
-    """Where in 0..1 a t^2 + 2 b t + c <= 0, when that is one interval (a > 0); all of 0..1 when it may be another shape."""
+    """Interval in 0..1 where a t^2 + 2 b t + c <= 0, for a > 0; otherwise all of 0..1."""
     if a <= 0.0:
         return 0.0, 1.0
     root2 = b * b - a * c
@@ -310,9 +311,9 @@ def _inside(a: float, b: float, c: float) -> tuple[float, float]:
 
 @kernel
 def _inside_picture(sight: Sight, aim: Aim, low: float, high: float, a: Point, d: Point) -> tuple[float, float]:
-    """The part of low..high, 0..1 of a leg, on which a cell is between the four side planes of the picture.
+    """The part of low..high of a leg on which a cell is between the four side planes of the photo.
 
-    The sensor is at a + t d from the cell. Empty (low above high) where the camera's turn is not known.
+    The sensor is at a + t d from the cell. Empty (low above high) if the camera's orientation is unknown.
     """
     (ae, an, au), (de, dn, du) = a, d
     depth = -(ae * aim.axis_e + an * aim.axis_n + au * aim.axis_u)
@@ -332,7 +333,7 @@ def _inside_picture(sight: Sight, aim: Aim, low: float, high: float, a: Point, d
 
 @kernel
 def _not_negative(low: float, high: float, at_0: float, change: float) -> tuple[float, float]:
-    """The part of low..high where at_0 + t change >= 0, a hair wider: the samples decide."""
+    """The part of low..high where at_0 + t change >= 0, slightly wider, because the samples decide."""
     slack = _ROUNDING * (abs(at_0) + abs(change))
     if change > 0.0:
         return max(low, -(at_0 + slack) / change), high

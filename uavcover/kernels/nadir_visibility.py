@@ -1,15 +1,14 @@
 """Leg visibility of a nadir camera as runs of squares, and the changes of counts that they make.
 
 This is the fast path of :mod:`uavcover.kernels.leg_visibility`. Squares are the places of a lattice, row * columns + column,
-so what a camera sees of a row of cells is one run or a few. A set of squares is a rising row of numbers: the first square of
-a run, the first square behind it, the first of the next run, and so on. When some sets replace others, only their differences
-change counts.
+so what a camera observes of a row of cells is one run or a few. A set of squares is a rising row of numbers: the first square
+of a run, the first square after it, the first of the next run, and so on. When some sets replace others, only their
+differences change counts.
 
-A cell c is inside the cone of the sample at s metres along the leg when |c - P(s)| <= tan (u(s) - z_c), on the map. The left
-side is convex in s and the right side linear, so their difference has one smallest value, at a known place, and of the
-samples along the leg one of the two beside that place is the best. Two tests decide, whatever the number of samples. Cells
-for which more than the cone counts (rays that are not steep enough, incidence, range, ground sample distance) are tried one
-by one.
+A cell c is inside the cone of the sample at s metres along the leg when |c - P(s)| <= tan (u(s) - z_c), on the map. The left side
+is convex in s and the right side linear, so their difference has one smallest value, at a known place, and of the samples along
+the leg one of the two beside that place is the best. Two tests decide for any number of samples. Cells for which more than the
+cone counts (rays that are not steep enough, incidence, range, ground sample distance) are tried one by one.
 """
 
 import math
@@ -29,7 +28,7 @@ from uavcover.kernels.surface import Surface, has_node_cell
 
 @kernel
 def runs_of(squares: NDArray[np.int32], count: int, out: NDArray[np.int32]) -> int:
-    """Write the runs of the first ``count`` of rising squares into ``out``; returns how many numbers, -1 when it is too short."""
+    """Write the runs of the first ``count`` rising squares into ``out``; return the numbers written, -1 if it is too short."""
     written = 0
     for k in range(count):
         square = squares[k]
@@ -61,10 +60,10 @@ def compare(
         sets: (olds + news, 3) in column 0 the rows of the old sets, then of the new ones; the rest is working memory.
         olds: how many old sets.
         news: how many new ones.
-        changes: (m, 3) is written: first square, first square behind, change of the count; m as large as all sets together.
+        changes: (m, 3) is written: first square, first square after, change of the count; m as large as all sets together.
 
     Returns:
-        How many stretches have changed. Squares that all sets see alike are in none of them.
+        How many stretches have changed. Squares that all sets observe alike are in none of them.
     """
     left = 0
     for k in range(olds + news):
@@ -148,27 +147,27 @@ def make_changes(changes: NDArray[np.int32], count: int, counts: NDArray[np.uint
 
 
 NOT_SO = -2
-"""There is no quick way for this leg."""
+"""The fast path does not apply to this leg."""
 
 _INSIDE = 1
 _TO_BE_TRIED = 2
 
 _BLOCK = 16
 _WHOLE = 1.5 * 2.0**52
-"""Added to a number of ordinary size it leaves no room for a fraction."""
+"""Adding it to a number of ordinary size removes the fraction."""
 _NEARLY_HALF = 0.5 - 1e-7
-"""A whole number less this is rounded to itself, and not to the even number beside it."""
+"""A whole number less this is rounded to itself, not to the adjacent even number."""
 
 
 class ConeCells(NamedTuple):
     """Cells in the form of the fast path.
 
     Attributes:
-        up_m: (rows, columns) heights of the centres on the lattice, NaN where there is no cell; (0, 0) when there is no quick
-            way for the sensor.
-        slope2: (rows, columns) squared tangent of the slope from which on a ray is clear: along it a cell is seen that is inside
-            the cone and in range. 0: along every ray inside the cone; infinite: the slope does not decide it.
-        lowest_m: (rows // 16 + 1, columns // 16 + 1) smallest of the heights in each block; infinite where there is no cell.
+        up_m: (rows, columns) heights of the centres on the lattice, NaN without a cell; (0, 0) when there is no quick way for
+            the sensor.
+        slope2: (rows, columns) squared tangent of the slope from which on a ray is clear: along it a cell is observed that is
+            inside the cone and in range. 0: along every ray inside the cone; infinite: the slope does not decide it.
+        lowest_m: (rows // 16 + 1, columns // 16 + 1) smallest of the heights in each block; infinite without a cell.
         row_east_m: (rows,) how far east of their places on the lattice the centres of a row are.
         column_north_m: (columns,) how far north of them those of a column are.
     """
@@ -181,7 +180,7 @@ class ConeCells(NamedTuple):
 
 
 def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
-    """Lay out cells for the fast path, with the offsets of rows and columns from the lattice; empty for other sensors."""
+    """Lay out cells for the fast path, with the offsets of rows and columns; empty for other sensors."""
     if sight.kind != CONE or sight.line_of_sight not in (NO_LINE_OF_SIGHT, RAY):
         nothing = np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), np.empty(0), np.empty(0)
         return _read_only(ConeCells(*nothing))
@@ -200,7 +199,7 @@ def cone_cells(surface: Surface, sight: Sight, cells: Cells) -> ConeCells:
 
 
 def steepest_around(surface: Surface, cells: Cells) -> FloatArray:
-    """(n,) tangent that no ground on the way of a ray to each cell exceeds, seen from the cell in any direction."""
+    """(n,) upper bound of the tangent of the ground below rays to each cell, from any direction."""
     anywhere = np.full(len(cells.centre_m), surface.steepest)
     return np.minimum(anywhere, cells.rise[:, CLEAR_FROM].max(axis=1)) if len(cells.rise) else anywhere
 
@@ -241,7 +240,7 @@ def list_cone_runs(
     row: NDArray[np.uint8],
     out: NDArray[np.int32],
 ) -> int:
-    """Write the runs of squares that are seen from the leg p-q into ``out``; returns how many numbers were written.
+    """Write the runs of squares that are observed from the leg p-q into ``out``; returns how many numbers were written.
 
     Args:
         surface: the ground.
@@ -252,7 +251,7 @@ def list_cone_runs(
         q: of the other end; the same for a single place.
         spacing: largest distance between samples, metres.
         row: (columns,) working memory.
-        out: (stride,) first square of a run, first square behind it, and so on, rising. A square is row * columns + column.
+        out: (stride,) first square of a run, first square after it, and so on, rising. A square is row * columns + column.
 
     Returns:
         How many numbers, -1 when there are more than ``out`` holds, NOT_SO when
@@ -303,7 +302,7 @@ def list_cone_runs(
 def _reach_over(
     sight: Sight, cells: Cells, quick: ConeCells, p: tuple[float, float, float], q: tuple[float, float, float]
 ) -> float:
-    """Largest map distance at which a cell is seen: the cone's radius over the lowest ground near the leg."""
+    """Largest map distance at which a cell is observed: the cone's radius over the lowest ground near the leg."""
     farthest = horizontal_reach(sight)
     lowest = lowest_around(cells, quick.lowest_m, p, q, farthest + cells.scatter_m)
     return min(farthest, max(0.0, (max(p[2], q[2]) - lowest) * sight.tan_half_fov))
@@ -317,7 +316,7 @@ def lowest_around(
     q: tuple[float, float, float],
     reach: float,
 ) -> float:
-    """Lowest of the ``lowest_m`` of the blocks within reach of a leg; infinite where there is no cell."""
+    """Lowest of the ``lowest_m`` of the blocks within reach of a leg; infinite without a cell."""
     per_block = 1.0 / (cells.size_m * _BLOCK)
     rows, columns = lowest_m.shape
     first_row = max(0, int((min(p[1], q[1]) - reach - cells.north0_m) * per_block + 0.5 / _BLOCK))
@@ -384,7 +383,7 @@ def _mark_row(
         ae, an = east - j * cells.size_m, north - column_north_m[j]
         up = p[2] - up_m[j]
         best = (abs(ae * along_n - an * along_e) * ahead - ae * along_e - an * along_n) * samples
-        # The whole number below, rounded by adding and taking away: a call of floor would cost as much as all the rest.
+        # Round down by adding and subtracting, because a call of floor would cost as much as the rest.
         t = (min(most, max(0.0, best)) - _NEARLY_HALF + _WHOLE - _WHOLE) * piece
         e, n, u = ae + t * de, an + t * dn, up + t * du
         radius, beside2 = max(0.0, u * tan), e * e + n * n

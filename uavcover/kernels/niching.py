@@ -45,10 +45,9 @@ def niche_survivors(
 ) -> BoolArray:
     """Which rows stay when each row from ``start`` on meets all rows before it, in their order.
 
-    Of two rows of which one dominates the other, the dominated one goes if they are at most ``radius`` apart in ``x``, or
-    if it is worse by more than ``slack`` in some objective (infinite slack: distant rows do not compete). Of two rows
-    that do not dominate each other and are at most ``spacing`` apart, the later one stays; of exact repetitions in x the
-    earlier one.
+    Of two rows of which one dominates the other, the dominated one goes if they are at most ``radius`` apart in ``x``, or if it
+    is worse by more than ``slack`` in some objective (infinite slack: distant rows do not compete). Of two rows that do not
+    dominate each other and are at most ``spacing`` apart, the later one stays; of exact repetitions in x the earlier one.
 
     Args:
         x: ``(n, d)``.
@@ -101,7 +100,7 @@ def niche_survivors(
 
 @allocating_kernel
 def last_apart(x: FloatArray, spacing: float) -> BoolArray:
-    """Which rows stay when each, from the last to the first, goes if one that stays is at most ``spacing`` away.
+    """Which rows stay if each, from the last to the first, goes when one within ``spacing`` stays.
 
     Args:
         x: ``(n, d)``.
@@ -137,7 +136,7 @@ def _row_sums(points: FloatArray) -> FloatArray:
 
 @allocating_kernel
 def _cells_along(x: FloatArray, other_x: FloatArray, k: int, least: float) -> tuple[IntArray, IntArray, int]:
-    """The cell of each row of both along axis k, and how many cells there are: at most 16, none narrower than ``least``."""
+    """The cell of each row along axis k, and the number of cells: at most 16, each at least ``least`` wide."""
     low = min(x[:, k].min(), other_x[:, k].min())
     extent = max(x[:, k].max(), other_x[:, k].max()) - low
     width = max(least, extent / 16.0)
@@ -288,7 +287,7 @@ def _find_two_nearest(
 
 @kernel
 def _cheapest_loss(loss: FloatArray, fixed: int) -> int:
-    """The medoid behind the first ``fixed`` whose loss costs least; -1 when there is none."""
+    """The medoid behind the first ``fixed`` whose loss costs least; -1 without one."""
     worst = -1
     for q in range(fixed, len(loss)):
         if worst == -1 or loss[q] < loss[worst]:
@@ -317,8 +316,8 @@ def two_space_medoids(
         f: ``(n, m)``.
         x_weights: ``(n,)``, >= 0.
         f_weights: ``(n,)``, >= 0.
-        first: ``(k,)`` medoids to begin with, no repetitions, k >= 2.
-        fixed: the first so many of them stay.
+        first: ``(k,)`` medoids as the start, no repetitions, k >= 2.
+        fixed: this number of the first ones stay.
         passes: over all rows; it ends before when nothing changes.
 
     Returns:

@@ -1,7 +1,7 @@
-"""How often, how closely and how surely each cell was seen from a flown track, and why the others were not.
+"""Number, distance and certainty of the observations of each cell from a flown track, and reasons for none.
 
-Every observation is counted, unlike in :mod:`uavcover.kernels.coverage`, which asks for the first one only. Rows of the
-lattice are independent of each other, so threads can share them out without ever touching the same cell.
+Every observation counts, unlike in :mod:`uavcover.kernels.coverage`, which needs only the first one. Rows of the lattice are
+independent, so threads can divide them and never touch the same cell.
 """
 
 import math
@@ -34,18 +34,18 @@ from uavcover.kernels.surface import Surface, height_above, stays_above
 
 
 class Camera(NamedTuple):
-    """What counting needs beside the sensor's sight.
+    """Parameters of the counting in addition to the sensor's sight.
 
     Attributes:
-        focal_px: focal length in pixels; NaN when it is not known.
-        pass_gap_s: a cell that was out of sight for longer than this is passed anew.
-        offset_m: the eye may be anywhere within this distance of where it was measured, relative to the ground.
+        focal_px: focal length in pixels; NaN if unknown.
+        pass_gap_s: a cell that was out of view for longer is passed again.
+        offset_m: largest distance of the eye from its measured position, relative to the ground.
         horizontal_m: the horizontal part of that.
-        lift_m: raised or lowered by this, the ray to the measured eye bounds the rays to all of these places.
-        needed: a cell counts when so many observations have seen it that are ``apart_m`` from each other.
-        apart_m: 0 when every pass is an observation of its own.
-        turn_rad: the camera may be turned anyhow within this angle of how it was measured.
-        detection: how probably a look finds a target, where ``ObservationCounts.looks`` asks for it.
+        lift_m: raised or lowered by this, the ray to the measured eye bounds the rays to all of these positions.
+        needed: required number of observations of a cell that are ``apart_m`` from each other.
+        apart_m: 0 if every pass is a separate observation.
+        turn_rad: largest angle of the camera from its measured orientation.
+        detection: probability that a look finds a target, for ``ObservationCounts.looks``.
     """
 
     focal_px: float
@@ -60,12 +60,12 @@ class Camera(NamedTuple):
 
 
 class SensorPoses(NamedTuple):
-    """Where a sensor observed from, and how it was turned.
+    """Positions and orientations of a sensor.
 
     Attributes:
-        eyes: (k, 3) ENU metres; a place that is not finite sees nothing.
-        axes: (k, 3) unit vectors along which a camera looked.
-        tops: (k, 3) unit vectors at right angles to them: the top of its picture; NaN where it is not known.
+        eyes: (k, 3) ENU metres; a position that is not finite observes nothing.
+        axes: (k, 3) unit vectors along the view.
+        tops: (k, 3) orthogonal unit vectors towards the top of the photo; NaN if unknown.
         times_s: (k,) increasing.
     """
 
@@ -76,20 +76,20 @@ class SensorPoses(NamedTuple):
 
 
 class ObservationCounts(NamedTuple):
-    """What is known of each of (n,) cells.
+    """Results for each of (n,) cells.
 
     Attributes:
-        passes: int32, how often it came into sight.
-        first: int64, number of the observation by which it was seen as often as needed, -1: none.
-        last_s: time of the last observation that saw it, NaN: none.
-        nearest_m: shortest distance from which it was seen, infinite: never.
-        ground_sample_m: smallest ground sample distance with which it was seen, infinite: never, or not known.
-        cos_incidence: cosine of the smallest incidence angle under which it was seen, -1: never.
-        outcome: uint8, the furthest that any observation got: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, SEEN.
-        sure: int32, how many observations that count saw it whatever the errors were, no more than it has to be.
-        possible: int32, how many may have seen it, the errors being as they may, no more than it has to be.
-        places: (3, n, needed, 3) from where the observations were made that count: as measured, surely, possibly.
-        looks: how probably they found a target; of no cell where nobody asks.
+        passes: int32, number of times that it came into view.
+        first: int64, number of the observation by which it was observed as often as needed, -1: none.
+        last_s: time of the last observation, NaN: none.
+        nearest_m: shortest distance of an observation, infinite: never.
+        ground_sample_m: smallest ground sample distance of an observation, infinite: never, or unknown.
+        cos_incidence: cosine of the smallest incidence angle of an observation, -1: never.
+        outcome: uint8, the best result of any observation: NOT_IN_RANGE, TOO_OBLIQUE, TOO_COARSE, OCCLUDED, SEEN.
+        sure: int32, number of counted observations that hold for every error, at most the required number.
+        possible: int32, number of those that hold for some error, at most the required number.
+        places: (3, n, needed, 3) positions of the counted observations: as measured, surely, possibly.
+        looks: probabilities of detection; for no cell if not requested.
     """
 
     passes: NDArray[np.int32]
@@ -106,7 +106,7 @@ class ObservationCounts(NamedTuple):
 
 
 def no_observations(count: int, needed: int = 1, *, searched: bool = False) -> ObservationCounts:
-    """Of ``count`` cells that nothing has observed yet, and that have to be seen by so many observations, or are searched."""
+    """Counts of ``count`` cells without observations, for this number of needed observations; or for a search."""
     return ObservationCounts(
         passes=np.zeros(count, dtype=np.int32),
         first=np.full(count, -1, dtype=np.int64),
@@ -139,9 +139,9 @@ def count_rows(
         surface: the ground.
         slopes: its bounds.
         sight: the sensor.
-        camera: what else is to be known of it.
+        camera: its other parameters.
         cells: of the area.
-        poses: where and how the sensor was.
+        poses: positions and orientations of the sensor.
         lattice_rows: the first row, and the step from each to the next: threads that share the lattice out have like steps.
         counts: is added to.
     """
@@ -204,7 +204,7 @@ def count_rows(
                     and _unhidden(surface, slopes, sight, horizon, beside, (ee, en, eu - lift), (ce, cn, cu))
                 ):
                     counts.sure[cell] += _is_new(camera, counts, 1, cell, counts.sure[cell], 2.0 * camera.offset_m, eye)
-                # From a place a little aside an obstacle may not be in the way.
+                # From a nearby position, an obstacle may not block the ray.
                 if counts.possible[cell] < camera.needed and (
                     outcome == SEEN
                     or (
@@ -227,11 +227,11 @@ def _is_new(
     further_m: float,
     eye: tuple[float, float, float],
 ) -> int:
-    """1 when an observation is ``apart_m`` and ``further_m`` from all that count for a cell, and its place is noted; 0 else."""
+    """1 if an observation is ``apart_m`` and ``further_m`` from a cell's counted ones, and add its position; otherwise 0."""
     if camera.needed == 1:
         return 1
     places = counts.places[which]
-    # Below 0 any two observations may have been far enough from each other.
+    # Below 0, any two observations may have been far enough apart.
     apart_m = max(0.0, camera.apart_m + further_m)
     if near_another(places, cell, min(times, camera.needed), apart_m, eye[0], eye[1], eye[2]):
         return 0
@@ -251,9 +251,9 @@ def _unhidden(
     eye: Point,
     centre: Point,
 ) -> bool:
-    """Whether nothing stands between an eye and a cell; most rays leave the cell more steeply than any ground around it.
+    """Whether nothing blocks the ray from an eye to a cell; most rays are steeper than the ground around it.
 
-    Obstacles stand in the way when the ray comes within ``beside`` of them; below 0 they never do.
+    Obstacles block the ray if it comes within ``beside`` of them; below 0 they never do.
     """
     (ee, en, eu), (ce, cn, cu) = eye, centre
     if sight.line_of_sight == RAY:
@@ -284,7 +284,7 @@ def _note(
     facing: float,
     counts: ObservationCounts,
 ) -> None:
-    """Note that an observation saw a cell."""
+    """Record that an observation observed a cell."""
     # "not <=" counts the first observation, too, whose last time is NaN.
     if not time_s - counts.last_s[cell] <= camera.pass_gap_s:
         counts.passes[cell] += _is_new(camera, counts, 0, cell, counts.passes[cell], 0.0, eye)
@@ -301,10 +301,10 @@ def _note(
 
 @kernel
 def _reach_over_ground_m(sight: Sight, axis_up: float) -> float:
-    """No cell farther away than this over ground is in view."""
+    """Largest distance over ground of a cell in view."""
     if sight.kind != CONE and sight.kind != FRUSTUM:
         return sight.reach_m
-    # To the corner of a picture; a round view has no other direction than its half angle.
+    # To the corner of a photo; a round view has no other direction than its half angle.
     half = math.atan(math.hypot(sight.tan_half_fov, sight.tan_half_along))
     widest = half + math.acos(min(1.0, max(-1.0, -axis_up)))
     return sight.reach_m * math.sin(min(widest, 0.5 * math.pi))
@@ -321,9 +321,9 @@ def _sure_in_view(
     along: float,
     facing: float,
 ) -> bool:
-    """Whether a cell is in view from every place within ``offset_m`` and with every turn within ``turn_rad``.
+    """Whether a cell is in view from every position within ``offset_m`` and at every turn within ``turn_rad``.
 
-    Seen from the cell, the eye moves by at most asin(offset / distance), so all angles keep that much from their limits.
+    From the cell, the eye moves by at most asin(offset / distance), so all angles keep this margin from their limits.
     """
     if sight.kind == DISC:
         return math.sqrt(horizontal2) + camera.horizontal_m <= sight.reach_m
@@ -352,7 +352,7 @@ def _possible_in_view(
     along: float,
     facing: float,
 ) -> bool:
-    """Whether a cell may be in view from some place within ``offset_m`` and with some turn within ``turn_rad``."""
+    """Whether a cell may be in view from some position within ``offset_m`` and at some turn within ``turn_rad``."""
     if sight.kind == DISC:
         return math.sqrt(horizontal2) - camera.horizontal_m <= sight.reach_m
     distance = math.sqrt(distance2)
@@ -378,7 +378,7 @@ def _angle_rad(part: float, whole: float) -> float:
 
 @kernel
 def _inside_by_rad(sight: Sight, distance: float, depth: float, across: float, along: float) -> float:
-    """By what angle a ray is inside the field of view, negative outside: for a picture the smallest to one of its side planes."""
+    """Angle of a ray inside the field of view, negative outside; for a photo the smallest to its side planes."""
     if sight.kind == CONE:
         return math.atan(sight.tan_half_fov) - _angle_rad(depth, distance)
     ta, tl = sight.tan_half_fov, sight.tan_half_along

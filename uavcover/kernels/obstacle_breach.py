@@ -1,4 +1,4 @@
-"""How far a line breaches the clearance from obstacles, and where: the figures behind a refusal."""
+"""Largest breach of the clearance from obstacles by a line, and its position: the figures of a refusal."""
 
 import math
 
@@ -28,11 +28,11 @@ def worst_breach(
 ) -> tuple[int, float, float]:
     """Largest missing clearance along the line p-q.
 
-    What it lacks of a prism is the smaller of two: how far aside it would have to be where it is too low, and how much higher
-    where it is too near. A line that leads over the footprint too low can only be higher.
+    For a prism, it is the smaller of two distances: sideways where the line is too low, and upwards where it is too near. A line
+    that is too low over the footprint can only be raised.
 
     Returns:
-        number of the prism, -1 when the line is clear of all; metres that it lacks; the parameter 0..1 where.
+        number of the prism, -1 if the line is clear of all; missing metres; its parameter 0..1.
     """
     (pe, pn, pu), (qe, qn, qu) = p, q
     worst, lacking, place = -1, 0.0, 0.0
@@ -115,7 +115,7 @@ def _near_edge(
     b: tuple[float, float],
     radius: float,
 ) -> tuple[float, float]:
-    """Where in 0..1 the line from p by d comes within ``radius`` of the edge a-b: one interval, empty when reversed.
+    """Interval in 0..1 where the line from p by d is within ``radius`` of the edge a-b; empty if reversed.
 
     The surroundings of an edge are convex: two discs and the strip between them.
     """
@@ -166,7 +166,7 @@ def breaches(
     beside: float,
     above: float,
 ) -> NDArray[np.float64]:
-    """(n, 3) :func:`worst_breach` of the lines between (n, 3) places; -1, 0, 0 for one that is clear or not finite."""
+    """(n, 3) :func:`worst_breach` of the lines between (n, 3) positions; -1, 0, 0 if clear or not finite."""
     out = np.zeros((begins.shape[0], 3))
     for k in range(begins.shape[0]):
         p = (begins[k, 0], begins[k, 1], begins[k, 2])
@@ -179,7 +179,7 @@ def breaches(
 
 @allocating_kernel
 def tops_near_m(obstacles: ObstaclePrisms, lines: NDArray[np.float64], beside: float) -> NDArray[np.float64]:
-    """(n,) highest top within ``beside`` of each of (n, 4) lines on the map, east and north of both ends; -inf where none is."""
+    """(n,) highest top within ``beside`` of each of (n, 4) lines on the map; -inf without one."""
     out = np.full(lines.shape[0], -math.inf)
     for k in range(lines.shape[0]):
         if obstacles.top_m.size == 0 or not math.isfinite(lines[k].sum()):
@@ -218,10 +218,10 @@ _COARSE = 8
 def edge_distances_m(
     footprints: ObstaclePrisms, numbers: NDArray[np.int64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(k, m) distances of (k, m, 2) places along a line each from the edges of a footprint, given by its number (k,).
+    """(k, m) distances of (k, m, 2) positions along lines from the edges of one footprint each.
 
-    -1 where another place of the line is farther away for certain: from place to place the distance changes by no more than these
-    are apart, so most of them are known from every eighth.
+    Footprints are given by their number (k,). -1 if another position of the line is certainly farther away: the distance changes
+    by at most the spacing of the positions, so most of them are known from every eighth.
     """
     count = places.shape[1]
     out = np.full((places.shape[0], count), -1.0)
@@ -249,7 +249,7 @@ def edge_distances_m(
 def parts_over(
     footprints: ObstaclePrisms, numbers: NDArray[np.int64], lines: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The parts of (k, 4) lines on the map, east and north of both ends, over a footprint each, given by its number (k,).
+    """The parts of (k, 4) lines on the map over one footprint each, given by its number (k,).
 
     Returns:
         (m,) number of the line, ascending; (m, 2) parameters 0..1 where the part begins and ends. A line without length is over

@@ -2,8 +2,8 @@
 
 A prism has a footprint of straight edges (holes are edges like others), a flat top, and reaches down into the ground. Along a
 straight line the part that is lower than a top is one interval, and where the line is over a footprint follows from its
-crossings with the edges: rays and legs are judged in closed form, at their full length. A grid of tiles names the prisms near a
-place, so that a line asks only those it passes.
+crossings with the edges: rays and legs are judged in closed form, at their full length. A grid of tiles names the prisms near
+a place, so that a line examines only those it passes.
 """
 
 import itertools
@@ -34,10 +34,10 @@ class ObstaclePrisms(NamedTuple):
         west_m: east of the western end of the tiles.
         south_m: north of their southern end.
         tile_m: side of a tile.
-        tile_top_m: (rows, columns) highest top of the prisms of a tile, -inf where there is none.
+        tile_top_m: (rows, columns) highest top of the prisms of a tile, -inf without one.
         tile_first: (rows * columns + 1,) int64; which entries of ``tile_prisms`` belong to a tile.
         tile_prisms: prisms whose footprint, grown by ``grown_m``, may reach into the tile.
-        grown_m: nothing is asked of a prism farther away than this.
+        grown_m: largest distance at which prisms are examined.
     """
 
     edges_m: NDArray[np.float64]
@@ -155,7 +155,7 @@ def keeps_clear(
 
 @kernel
 def lower_part(pu: float, qu: float, limit: float) -> tuple[float, float]:
-    """Where along a line from height ``pu`` to ``qu`` it is lower than ``limit``: an interval of 0..1, empty when reversed."""
+    """Interval in 0..1 where a line from height ``pu`` to ``qu`` is below ``limit``; empty if reversed."""
     if pu >= limit and qu >= limit:
         return 1.0, 0.0
     begin, end = 0.0, 1.0
@@ -191,7 +191,7 @@ def clear_of(
 def over_footprint(
     obstacles: ObstaclePrisms, prism: int, pe: float, pn: float, qe: float, qn: float, begin: float, end: float
 ) -> bool:
-    """Whether the part begin..end of the line p-q on the map lies over a footprint; just touching it may count either way."""
+    """Whether the part begin..end of the line p-q on the map is over a footprint; touching it may count or not."""
     de, dn = qe - pe, qn - pn
     length2 = de * de + dn * dn
     if length2 == 0.0:
@@ -229,9 +229,9 @@ def over_prism(obstacles: ObstaclePrisms, prism: int, east: float, north: float)
 def distance_m(
     obstacles: ObstaclePrisms, prism: int, pe: float, pn: float, qe: float, qn: float, begin: float, end: float
 ) -> tuple[float, float]:
-    """Distance on the map between the part begin..end of the line p-q and the edges of a footprint, and where 0..1.
+    """Distance on the map from the part begin..end of the line p-q to the edges of a footprint, and its parameter.
 
-    The two do not cross: the distance is that of an end of the one to the other.
+    The two do not cross, so the distance is that of an end of one to the other.
     """
     de, dn = qe - pe, qn - pn
     length2 = de * de + dn * dn
@@ -266,7 +266,7 @@ def _distance2_to_edge(e: float, n: float, ae: float, an: float, be: float, bn: 
 
 @allocating_kernel
 def roofs_m(obstacles: ObstaclePrisms, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) up coordinate of the highest top over each of (n,) places; -inf where no prism stands."""
+    """(n,) up coordinate of the highest top over each of (n,) positions; -inf where no prism stands."""
     rows, columns = obstacles.tile_top_m.shape
     out = np.full(east.size, -math.inf)
     if obstacles.top_m.size == 0:
@@ -284,7 +284,7 @@ def roofs_m(obstacles: ObstaclePrisms, east: NDArray[np.float64], north: NDArray
 
 @kernel
 def top_within_m(obstacles: ObstaclePrisms, east: float, north: float, radius: float) -> float:
-    """Up coordinate of the highest top of the prisms within ``radius`` of a place on the map; -inf where there is none."""
+    """Up coordinate of the highest top of the prisms within ``radius`` of a place on the map; -inf without one."""
     if obstacles.top_m.size == 0 or not math.isfinite(east + north):
         return -math.inf
     rows, columns = obstacles.tile_top_m.shape
@@ -334,18 +334,18 @@ def horizons(
     size: float,
     reach: float,
 ) -> NDArray[np.float64]:
-    """(n,) tangent of the steepest slope from each cell up to the top of a prism within ``reach``; 0 where none rises above it.
+    """(n,) tangent of the steepest slope from each cell to the top of a prism within ``reach``; 0 without one.
 
     A ray that leaves the cell at least as steeply passes over all of them.
 
     Args:
         obstacles: the prisms.
-        lattice: (rows, columns) numbers of the cells, -1 where there is none.
+        lattice: (rows, columns) numbers of the cells, -1 without one.
         centre: (n, 3) of the cells.
         east0: east of column 0.
         north0: north of row 0.
         size: side of a cell.
-        reach: metres on the map; prisms farther away are no matter.
+        reach: metres on the map; prisms farther away do not matter.
     """
     out = np.zeros(centre.shape[0])
     rows, columns = lattice.shape

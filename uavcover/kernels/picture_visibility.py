@@ -1,10 +1,10 @@
-"""Leg visibility of a camera with a rectangular picture as runs of squares: the fast path of ``leg_visibility`` for it.
+"""Leg visibility of a camera with a rectangular photo as runs of squares: the fast path of ``leg_visibility`` for it.
 
-The aim of a level vehicle's camera is the same all along a leg, and the side planes of its picture are linear along it. Of every
+The aim of a level vehicle's camera is the same all along a leg, and the side planes of its photo are linear along it. Of every
 cell of a row, four quotients tell the part of the leg that has the cell between these planes, without a branch. One sample of
 that part, the nearest, is then asked for range, incidence, ground sample distance and whether its ray is steeper than anything
-around; for pictures by distance, both ends and the middle of one stretch (``leg_surely_shows``). Cells that are not decided
-so are tried one by one, as all are on the slow path; both give the same cells.
+around; for photos by distance, both ends and the middle of one stretch (``leg_surely_shows``). Cells that are not decided so
+are tried one by one, as all are on the slow path; both give the same cells.
 """
 
 import math
@@ -34,22 +34,22 @@ _INSIDE = 1
 _TO_BE_TRIED = 2
 
 _WHOLE = 1.5 * 2.0**52
-"""Added to a number of ordinary size it leaves no room for a fraction."""
+"""Adding it to a number of ordinary size removes the fraction."""
 _NEARLY_HALF = 0.5 - 1e-9
 
 _SURELY = 1e-9
 _PERHAPS = 1e-6
-"""Shares of a leg by which a place is inside of the picture for sure, or may be inside of it."""
+"""Fractions of a leg by which a place is inside of the photo for sure, or may be inside of it."""
 
 _INWARD = 0.02
-"""As in ``leg_surely_shows``: the stretch that is tried keeps this share of its room from both ends."""
+"""As in ``leg_surely_shows``: the stretch that is tried keeps this fraction of its room from both ends."""
 
 
 class PictureCells(NamedTuple):
-    """Cells in the form of the fast path; all (0, 0) and (0,) when there is no quick way for the sensor.
+    """Cells in the form of the fast path; all (0, 0) and (0,) for other sensors.
 
     Attributes:
-        up_m: (rows, columns) heights of the centres on the lattice, NaN where there is no cell.
+        up_m: (rows, columns) heights of the centres on the lattice, NaN without a cell.
         normal_e: (rows, columns) unit normals of the cells, east part.
         normal_n: north part.
         normal_u: upward part.
@@ -95,11 +95,11 @@ def picture_cells(surface: Surface, sight: Sight, cells: Cells) -> PictureCells:
 
 
 class _Planes(NamedTuple):
-    """The four side planes of a picture along a leg: place a from the cell, t along the leg is inside where all are >= 0.
+    """The side planes of a photo along a leg; a position is inside if all four values are >= 0.
 
     Attributes:
         normal: (4, 3) value of a place.
-        per_change: (4,) 1 / change along the whole leg, 0 where there is none.
+        per_change: (4,) 1 / change along the whole leg, 0 without one.
         opens: (4,) 0 where the leg comes in through the plane, -inf where not.
         closes: (4,) 0 where it goes out through it, inf where not.
         fixed: (4,) 1 where the leg runs along the plane, 0 where not.
@@ -114,7 +114,7 @@ class _Planes(NamedTuple):
 
 @allocating_kernel
 def _planes(sight: Sight, aim: Aim, d: Point) -> _Planes:
-    """The planes of a camera's picture, for a leg by d."""
+    """The planes of a camera's photo, for a leg by d."""
     normal = np.empty((4, 3))
     ta, tl = sight.tan_half_fov, sight.tan_half_along
     axis = (aim.axis_e, aim.axis_n, aim.axis_u)
@@ -150,7 +150,7 @@ def list_picture_runs(
     row: NDArray[np.uint8],
     out: NDArray[np.int32],
 ) -> int:
-    """Write the runs of squares that are seen from the leg p-q into ``out``; returns how many numbers were written.
+    """Write the runs of squares that are observed from the leg p-q into ``out``; returns how many numbers were written.
 
     Args:
         surface: the ground.
@@ -160,9 +160,9 @@ def list_picture_runs(
         p: east, north, up of one end, metres, finite.
         q: of the other end; the same for a single place.
         spacing: largest distance between samples, metres.
-        trigger: distance between pictures, which then take the place of the samples; 0: none.
+        trigger: distance between photos, which then take the place of the samples; 0: none.
         row: (columns,) working memory.
-        out: (stride,) first square of a run, first square behind it, and so on, rising. A square is row * columns + column.
+        out: (stride,) first square of a run, first square after it, and so on, rising. A square is row * columns + column.
 
     Returns:
         How many numbers, -1 when there are more than ``out`` holds, NOT_SO when
@@ -293,7 +293,7 @@ def _mark_row(
             room = _INWARD * (high - low)
             t = min(high - room, max(low + room, nearest))
         else:
-            # Whole numbers, rounded up and down by adding and taking away: a call of floor would cost as much as all the rest.
+            # Round up and down by adding and subtracting, because a call of floor would cost as much as the rest.
             lowest = (low * samples - slack + _NEARLY_HALF + _WHOLE) - _WHOLE
             highest = (high * samples + slack - _NEARLY_HALF + _WHOLE) - _WHOLE
             perhaps &= lowest <= highest
@@ -316,7 +316,7 @@ def _seen_from(
     e: float, n: float, u: float, axis_e: float, axis_n: float, axis_u: float, ne: float, nn: float, nu: float,
     range2: float, steepest2: float, coarsest2: float, clear2: float,
 ) -> bool:  # fmt: skip
-    """Whether a cell between the planes of a picture is in range, not too oblique, not too coarse, and surely not hidden."""
+    """Whether a cell between the planes of a photo is in range, not too oblique or coarse, and surely not hidden."""
     beside2 = e * e + n * n
     distance2 = beside2 + u * u
     facing = e * ne + n * nn + u * nu

@@ -119,7 +119,7 @@ def shortest_profile(
         lowest = band.lowest[i]
         highest = max(lowest, band.highest[i], first - from_first)
         middle = 0.5 * (lowest + highest)
-        # Rounding does not part the points of a straight line.
+        # Rounding must not separate the points of a straight line.
         band.lowest[i], band.highest[i] = lowest - _ROUNDING_M, highest + _ROUNDING_M
         lower[i] = max(lowest, min(lowest + slack, middle, first + from_first, last + from_last))
         upper[i] = min(highest, max(highest - slack, middle, first - from_first, last - from_last))
@@ -237,7 +237,7 @@ def _narrow(
     highest: NDArray[np.float64],
     high: float,
 ) -> None:
-    """Narrow the band in place, at both samples, by how far the straight line between its ends leaves it.
+    """Narrow the band in place, at both samples, by the excess of the straight line between its ends.
 
     Args:
         surface: the ground.

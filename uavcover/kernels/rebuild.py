@@ -1,9 +1,9 @@
-"""Take some waypoints near each other out and put others in, where waypoints see and their order is free.
+"""Remove some neighbouring waypoints and insert others, if waypoints observe and their order is free.
 
-Ruin and recreate (Schrimpf et al. 2000): what only the removed waypoints saw is seen again, cell by cell, from where it costs
-the least. Then waypoints nearby are pulled straight: each goes to the best place between its two neighbours from which it still
-sees what it alone sees, and one that sees nothing alone is left out. Places are found with discs around the cells as wide as the
-sensor sees on level ground; what is really seen is counted before a waypoint is moved.
+Ruin and recreate (Schrimpf et al. 2000): cells that only the removed waypoints observed are observed again, one by one, from the
+cheapest position. Then nearby waypoints are pulled straight: each moves to the best position between its neighbours from which it
+still observes its own cells, and one without own cells is removed. Candidate positions come from discs around the cells with the
+sensor's radius on level ground; the actual observations are counted before a waypoint moves.
 """
 
 import math
@@ -25,11 +25,11 @@ _AROUND = 0.6
 _MOST_CHANGES = 400
 _PASSES = 3
 _BLINK = 0.02
-"""Share of the legs that an insertion overlooks, so that it is not always the same."""
+"""Fraction of the legs that an insertion overlooks, so that it is not always the same."""
 
 _INSIDE = 1.0 - 1e-9
 _LEAST_GAIN = 1e-3
-"""Of the radius: smaller moves are not worth their time."""
+"""Fraction of the radius; smaller moves are not worth their time."""
 
 _SAMPLES = 12
 _BISECTIONS = 30
@@ -37,7 +37,7 @@ _BISECTIONS = 30
 
 @kernel
 def radius_at(sight: Sight, above: float) -> float:
-    """Radius on the map of what a sensor sees of level ground from a height above it, metres."""
+    """Radius on the map of the level ground that a sensor observes from a height, metres."""
     if sight.kind == SPHERE:
         return math.sqrt(max(0.0, sight.reach_m * sight.reach_m - above * above))
     if sight.kind == CONE:
@@ -72,7 +72,7 @@ def best_between(
 
     Args:
         a: east and north.
-        b: likewise.
+        b: the same.
         begin: place to stay near to where several are as good.
         discs: (m, 3) east, north, radius; they have a place in common.
         count: of them.
@@ -139,7 +139,7 @@ def _best_angle(
 def _neighbours(
     problem: SearchProblem, state: RouteState, before: int, behind: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Where two waypoints are on the map; beyond the ends of the route that is home, or without one the other of the two."""
+    """Positions of two waypoints on the map; beyond the ends of the route, home, or the other of the two."""
     a = b = (problem.way.column_top[0], problem.way.column_top[1])
     n = state.size[0]
     if before >= 0:
@@ -162,7 +162,7 @@ def _change(
     new: int,
     gained: float,
 ) -> None:
-    """Keep an exchange of at most one waypoint for at most one that was tried, and note how to undo it."""
+    """Keep an exchange of at most one waypoint for one that was tried, and record how to undo it."""
     done = int(undo[0, 0])
     undo[done + 1, 0], undo[done + 1, 1], undo[done + 1, 2] = first, last - first, fresh
     if last > first:
@@ -191,7 +191,7 @@ def _remove_near(
     number: int,
     lost: NDArray[np.int32],
 ) -> tuple[float, int, float]:
-    """Take the waypoints nearest to one out: change of cost, number of cells written to ``lost``, and how far away they were."""
+    """Remove the waypoints nearest to one: change of cost, number of cells written to ``lost``, and their distance."""
     apart2 = np.empty(state.size[0])
     e, n, _ = place(state.route, seed)
     for k in range(apart2.size):
@@ -226,7 +226,7 @@ def _see_again(
     above: float,
     rng: np.random.Generator,
 ) -> float:
-    """Put a waypoint in that sees a cell, where that costs the least; the change of cost, 0 where none was found."""
+    """Insert the cheapest waypoint that observes a cell; the change of cost, 0 without one."""
     ce, cn = problem.cells.centre_m[cell, 0], problem.cells.centre_m[cell, 1]
     radius = radius_at(problem.sight, above) * _INSIDE
     size = state.size[0]
@@ -268,10 +268,10 @@ def pull(
     discs: NDArray[np.float64],
     least: float,
 ) -> tuple[float, bool]:
-    """Move waypoint k to the best place from which it sees what it alone sees, or leave it out where that is nothing.
+    """Move waypoint k to the best position from which it observes its own cells, or remove it without any.
 
     Returns:
-        Change of cost, at most 0; whether the waypoint was left out.
+        Change of cost, at most 0; whether the waypoint was removed.
     """
     e, n, u = place(state.route, k)
     runs, size = state.runs[state.slot[k]], state.sizes[state.slot[k]]

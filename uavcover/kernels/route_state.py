@@ -1,4 +1,4 @@
-"""Incremental route state: the number of segments that see each cell, updated segment by segment.
+"""Incremental route state: the number of segments that observe each cell, updated segment by segment.
 
 A segment is a leg when the sensor looks along the path, and a single waypoint otherwise. To exchange waypoints, the cells of
 the segments that end at them are compared with those of the new segments; only where they differ is a count looked up,
@@ -33,10 +33,10 @@ from uavcover.kernels.search_problem import (
 )
 
 WIDEST = 8
-"""Most waypoints that one change puts in; a route state has this many sets of squares more than waypoints, and one."""
+"""Largest number of waypoints that one change inserts; a route state has this number of spare sets of squares, plus one."""
 
 MOST_SETS = 2 * (WIDEST + 1)
-"""So many segments one change takes away and puts in at most."""
+"""Largest number of segments that one change removes and inserts."""
 
 
 class RouteState(NamedTuple):
@@ -49,10 +49,10 @@ class RouteState(NamedTuple):
         route: (capacity, 3) waypoints in flying order, then unused rows.
         size: (1,) number of waypoints.
         slot: (capacity + WIDEST + 1,) number of the set of segment k; behind the segments the free sets.
-        runs: (capacity + WIDEST + 1, stride) squares that each segment sees, as of :mod:`uavcover.kernels.nadir_visibility`.
+        runs: (capacity + WIDEST + 1, stride) squares that each segment observes, as of :mod:`uavcover.kernels.nadir_visibility`.
         sizes: (capacity + WIDEST + 1,) length of each set.
-        counts: (rows * columns,) number of segments that see each square.
-        seen: (1,) weight of the cells that are seen, 0..1.
+        counts: (rows * columns,) number of segments that observe each square.
+        seen: (1,) weight of the cells that are observed, 0..1.
         fresh: (WIDEST, 3) waypoints that a change puts in.
         changes: (m, 3) what a change does to the counts.
         changed: (1,) number of its rows.
@@ -109,7 +109,7 @@ class RouteState(NamedTuple):
 
 @kernel
 def segment_count(problem: SearchProblem, waypoints: int) -> int:
-    """How many segments a route of so many waypoints has; one waypoint alone is a segment."""
+    """Number of segments of a route with this number of waypoints; a single waypoint is a segment."""
     return max(1, waypoints - 1) if problem.sensing == ALONG_PATH else waypoints
 
 
@@ -133,7 +133,7 @@ def recount(problem: SearchProblem, state: RouteState) -> bool:
 def list_visible(
     problem: SearchProblem, state: RouteState, k: int, p: tuple[float, float, float], q: tuple[float, float, float]
 ) -> bool:
-    """Write the cells seen from p-q into the set of slot k; False if it has more runs than there is room for."""
+    """Write the cells observed from p-q into the set of slot k; False if it has too many runs."""
     number = state.slot[k]
     found = list_cone_runs(
         problem.surface,
@@ -172,7 +172,7 @@ def list_visible(
 
 @kernel
 def compare_segments(problem: SearchProblem, state: RouteState, begin: int, end: int, first: int, last: int) -> float:
-    """Change of the seen weight when segments begin..end - 1 are replaced by the sets of slots first..last - 1.
+    """Change of the observed weight when segments begin..end - 1 are replaced by the sets of slots first..last - 1.
 
     What changes is left in state.changes; the counts stay as they are.
     """
@@ -186,7 +186,7 @@ def compare_segments(problem: SearchProblem, state: RouteState, begin: int, end:
 
 @kernel
 def weigh(problem: SearchProblem, state: RouteState) -> float:
-    """Change of the weight that counts as seen, if the changes were made."""
+    """Change of the weight that counts as observed, if the changes were made."""
     if problem.needed == 1:
         return weigh_changes(state.changes, state.changed[0], state.counts, problem.weight)
     return weigh_often(state.changes, state.changed[0], state.counts, problem.weight, problem.needed)
@@ -265,7 +265,7 @@ def try_exchange(problem: SearchProblem, state: RouteState, first: int, last: in
     """Compare an exchange without applying it; see :func:`keep_exchange`.
 
     Returns:
-        change of the weight that is seen, and how many segments are new; -1 when one has more runs than there is room for.
+        change of the weight that is observed, and how many segments are new; -1 when one has more runs than there is room for.
     """
     n = state.size[0]
     segments = segment_count(problem, n)
@@ -362,7 +362,7 @@ def reverse_rows(route: NDArray[np.float64], first: int, last: int) -> None:
 
 @kernel
 def transfer(state: RouteState, at: int, to: int) -> None:
-    """Take waypoint ``at`` with its set out and put it in as waypoint ``to``; for sensing at waypoints, where order is free."""
+    """Move waypoint ``at`` with its set to number ``to``; for sensing at waypoints in a free order."""
     e, n, u = place(state.route, at)
     step = 1 if to > at else -1
     k = at

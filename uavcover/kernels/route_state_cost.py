@@ -1,11 +1,11 @@
 """Changes of a route's cost, and the simplification of routes that uses them.
 
-The cost is metres of its legs, seconds or energy with wind, climbs and turns, and the price of its waypoints. Length has its own
-short way: the search for the shortest route asks it tens of thousands of times a second.
+The cost is the length in metres, or time or energy with wind, climbs and turns, plus the penalty for waypoints. Length has its
+own fast path, because the search for the shortest route computes it tens of thousands of times a second.
 
-Simplification takes out the waypoints that a route can do without, and merges two into one. A waypoint may go when the limits
-hold without it, the cost does not rise and enough is seen. The annealing proposes the same changes at random; here every waypoint
-gets its turn, however many there are.
+Simplification removes waypoints that a route does not need, and merges two into one. A waypoint can be removed if the limits hold
+without it, the cost does not rise and the coverage suffices. The annealing proposes the same changes at random; here every
+waypoint gets its turn.
 """
 
 from uavcover.kernels.jit import kernel
@@ -65,7 +65,10 @@ def reversal_cost(problem: SearchProblem, state: RouteState, i: int, j: int) -> 
 
 @kernel
 def transfer_cost(problem: SearchProblem, state: RouteState, at: int, to: int) -> float:
-    """When waypoint ``at`` is taken out and state.fresh[0] put in before waypoint ``to``; numbers count the route as it is."""
+    """Change of cost if waypoint ``at`` is removed and state.fresh[0] inserted before waypoint ``to``.
+
+    Numbers count the route before the change.
+    """
     n = state.size[0]
     p = place(state.fresh, 0)
     if is_length(problem.way):
@@ -112,17 +115,17 @@ def _stretch_cost(problem: SearchProblem, state: RouteState, begin: int, end: in
 
 
 def take_out(problem: SearchProblem, state: RouteState, fewest: int, least_seen: float, most_lost: float) -> int:
-    """Try once to take out every waypoint, from the last to the first.
+    """Try once to remove every waypoint, from the last to the first.
 
     Args:
-        problem: what is looked at.
-        state: counted; is changed.
-        fewest: waypoints that stay at least.
-        least_seen: weight, 0..1, that the route sees afterwards at least.
-        most_lost: weight, 0..1, that one change may lose at most.
+        problem: the problem.
+        state: counted; modified in place.
+        fewest: smallest number of waypoints that remain.
+        least_seen: smallest observed weight afterwards, 0..1.
+        most_lost: largest weight, 0..1, that one change may lose.
 
     Returns:
-        how many waypoints are gone.
+        number of removed waypoints.
     """
     return _with_fewer(problem, state, 1, fewest, least_seen, most_lost)
 

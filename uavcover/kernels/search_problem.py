@@ -125,16 +125,16 @@ class SearchProblem(NamedTuple):
         sight: the sensor.
         cells: of the area.
         cone_cells: the cells for the fast path of a nadir camera.
-        picture_cells: those for the fast path of a camera with a rectangular picture.
+        picture_cells: those for the fast path of a camera with a rectangular photo.
         square: (n,) place of each cell on the lattice, row * columns + column.
-        weight: (rows * columns,) share of the cell in each square, of a sum of 1; 0 where none counts.
+        weight: (rows * columns,) fraction of the cell in each square, of a sum of 1; 0 where none counts.
         spacing_m: largest distance between observations along the path.
         sensing: AT_WAYPOINTS or ALONG_PATH.
         limits: hard limits of places and legs.
-        way: what the way costs.
-        needed: observations after which a cell counts as seen; more than 1 goes with AT_WAYPOINTS.
+        way: cost of the path.
+        needed: observations after which a cell counts as observed; more than 1 requires AT_WAYPOINTS.
         apart_m: smallest distance between any two waypoints, so that each is an observation of its own; 0: any.
-        trigger_m: distance between two pictures, where a camera takes them by distance instead; 0: it does not.
+        trigger_m: distance between two photos, where a camera takes them by distance instead; 0: it does not.
     """
 
     surface: Surface
@@ -191,7 +191,7 @@ def is_inside(ground: FlyableGround, east: float, north: float) -> bool:
 
 @kernel
 def allowed_place(problem: SearchProblem, p: tuple[float, float, float]) -> bool:
-    """Whether a place is allowed for a waypoint."""
+    """Whether a waypoint may be at a position."""
     limits = problem.limits
     agl = height_above(problem.surface, p[0], p[1], p[2])
     # A comparison with NaN is False: no elevation data, no waypoint.
@@ -202,7 +202,7 @@ def allowed_place(problem: SearchProblem, p: tuple[float, float, float]) -> bool
 
 @kernel
 def allowed_leg(problem: SearchProblem, p: tuple[float, float, float], q: tuple[float, float, float]) -> bool:
-    """Whether a leg between two allowed waypoints may be flown, at its full length."""
+    """Whether a leg between two permitted waypoints keeps the limits along its full length."""
     limits = problem.limits
     if limits.legs == 0:
         return True
@@ -218,7 +218,7 @@ def allowed_leg(problem: SearchProblem, p: tuple[float, float, float], q: tuple[
 
 @allocating_kernel
 def allowed_legs(problem: SearchProblem, legs: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) which of (n, 6) legs, east, north, up of both ends, may be flown between waypoints there."""
+    """(n,) which of (n, 6) legs, east, north, up of both ends, keep the limits."""
     out = np.empty(legs.shape[0], dtype=np.bool_)
     for k in range(legs.shape[0]):
         p, q = (legs[k, 0], legs[k, 1], legs[k, 2]), (legs[k, 3], legs[k, 4], legs[k, 5])

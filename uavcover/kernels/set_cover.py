@@ -41,15 +41,15 @@ def choose_greedily(
 ) -> NDArray[np.int64]:
     """Sets chosen greedily, each adding the most to those before it; ties go to the lower number.
 
-    At least a share 1 - 1/e of the most that any ``most`` sets cover, and at most H(largest set) times as many sets as are
-    needed (Nemhauser, Wolsey and Fisher 1978; Chvatal 1979).
+    It covers at least a fraction 1 - 1/e of the most that any ``most`` sets cover, and uses at most H(largest set) times the
+    necessary number of sets (Nemhauser, Wolsey and Fisher 1978; Chvatal 1979).
 
     Args:
         start: (p + 1,).
         items: numbers 0..n - 1.
-        weight: (n,) what an item is worth, none negative.
-        enough: ends the choice when so much is covered.
-        most: most sets.
+        weight: (n,) value of an item, not negative.
+        enough: ends the choice when this weight is covered.
+        most: largest number of sets.
     """
     p = start.size - 1
     back, sets = transposed(start, items, weight.size)
@@ -226,7 +226,7 @@ def search_cover(
         start: (p + 1,).
         items: numbers 0..count - 1; each is in some set.
         count: of items.
-        first: sets that have all items, to begin with.
+        first: sets that have all items, as the start.
         steps: how many exchanges.
         rng: draws the items.
 
@@ -272,7 +272,7 @@ def _begin(start: NDArray[np.int64], items: NDArray[np.int32], count: int) -> _S
 
 @kernel
 def _least(state: _State, last: int) -> int:
-    """The chosen set with the least score, of equals the one that rested longest, but not ``last``; -1: there is no other."""
+    """The chosen set with the least score, except ``last``; of equal ones the longest rested; -1 without one."""
     best = -1
     for k in range(state.chosen.size):
         if (
@@ -286,7 +286,7 @@ def _least(state: _State, last: int) -> int:
 
 @kernel
 def _most(state: _State, item: int) -> int:
-    """The set with an item that scores most, of equals the one that rested longest; one that just went out only in need."""
+    """The set with an item that scores most, of equal ones the longest rested; one that just left only if necessary."""
     best = -1
     for j in range(state.back[item], state.back[item + 1]):
         k = state.sets[j]

@@ -1,8 +1,8 @@
-"""Shortest ways on the map past walls, over the corners that stick into the free ground.
+"""Shortest paths on the map past walls, over the corners that protrude into the free ground.
 
-A* over the visibility graph, whose edges are tested when they are taken from the queue and not before: of the lines between
-thousands of corners a search asks a few hundred. Only lines that touch the walls at both ends without entering them can be part
-of a shortest way (de Berg et al., Computational Geometry, 3rd edition, section 15.2: tangents).
+A* over the visibility graph. Edges are tested only when they leave the queue: of the lines between thousands of corners, a search
+tests a few hundred. Only lines that touch the walls at both ends without entering them can be part of a shortest path (de Berg et
+al., Computational Geometry, 3rd edition, section 15.2: tangents).
 """
 
 import heapq
@@ -17,7 +17,7 @@ from uavcover.kernels.obstacles import ObstaclePrisms, keeps_clear
 _STRAIGHT_M2 = 1e-7
 """A corner within rounding of a line is not on one side of it."""
 _ROUNDABOUT, _AROUND_M = 1.2, 20.0
-"""Ways of at most this multiple of the straight line, and this much, are looked for first; then twice as long ones."""
+"""Search first for paths of at most this multiple of the straight line, plus this length; then for twice the length."""
 
 
 @allocating_kernel
@@ -37,7 +37,7 @@ def _is_clear(walls: ObstaclePrisms, ae: float, an: float, be: float, bn: float)
 
 @kernel
 def _touches(corners: NDArray[np.float64], number: int, de: float, dn: float) -> bool:
-    """Whether a line in direction d through a corner has both sides of the corner on one side, or along it.
+    """Whether both sides of a corner are on one side of a line in direction d through it, or along it.
 
     Args:
         corners: (n, 6) east and north of each corner, of the one before it and of the one after it on its ring.
@@ -55,7 +55,7 @@ def _touches(corners: NDArray[np.float64], number: int, de: float, dn: float) ->
 def _shortest_over(
     walls: ObstaclePrisms, corners: NDArray[np.float64], a: tuple[float, float], b: tuple[float, float]
 ) -> tuple[NDArray[np.int64], float]:
-    """:func:`shortest_way` over some corners, and its length; infinite where there is none."""
+    """:func:`shortest_way` over some corners, and its length; infinite without one."""
     n = corners.shape[0]
     to_goal = np.empty(n)
     ends_there = np.zeros(n, dtype=np.bool_)
@@ -113,11 +113,11 @@ def _shortest_over(
 def shortest_way(
     walls: ObstaclePrisms, corners: NDArray[np.float64], a: tuple[float, float], b: tuple[float, float]
 ) -> NDArray[np.int64]:
-    """Numbers of the corners on the shortest way from a to b; empty where there is none, and where it is straight.
+    """Numbers of the corners on the shortest path from a to b; empty for a straight one, and without one.
 
     Args:
-        walls: what is not free, as footprints with tops above 0.
-        corners: (n, 6) east and north of each corner that sticks into the free ground, of the one before it and of the one
+        walls: blocked ground, as footprints with tops above 0.
+        corners: (n, 6) east and north of each corner that protrudes into the free ground, of the one before it and of the one
             after it on its ring.
         a: east and north of the first end.
         b: of the last one.
@@ -128,7 +128,7 @@ def shortest_way(
         through[k] = math.hypot(e - a[0], n - a[1]) + math.hypot(b[0] - e, b[1] - n)
     most = _ROUNDABOUT * math.hypot(b[0] - a[0], b[1] - a[1]) + _AROUND_M
     while True:
-        # A way that is no longer leads over none of the other corners.
+        # A path that is not longer leads over none of the other corners.
         numbers = np.flatnonzero(through <= most)
         way, length = _shortest_over(walls, corners[numbers], a, b)
         if length <= most or numbers.size == through.size:

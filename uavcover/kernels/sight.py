@@ -1,11 +1,11 @@
 """The view of a sensor, its reach, and which rays need no tracing.
 
-One test decides what is in view, whatever lies between, for planner, local search and verification. A camera's view is given
-in its own axes: its direction, the right of its picture and the top of it. For every sensor here the set of places from which
-a cell is in view is convex while the axes stay the same: a ball, a disc, a cone, a pyramid. The places with a small enough
+One test decides what is in view, without the line of sight, for planner, local search and verification. A camera's view is given
+in its own axes: its direction, the right of its photo and the top of it. For every sensor here the set of places from which a
+cell is in view is convex while the axes stay the same: a ball, a disc, a cone, a pyramid. The places with a small enough
 incidence angle are a cone around the cell's normal, and those with a small enough ground sample distance satisfy depth^3 <=
 constant * height above the cell's plane, a convex function below a linear one. From this follows how far away a cell can be
-seen at all, by anything that flies no higher above ground than allowed.
+observed at all, by anything that flies no higher above ground than allowed.
 
 Most rays pass without being traced because the ground between their ends is not steep enough to block them.
 :attr:`uavcover.kernels.surface.Surface.steepest` bounds the slope of the whole ground, and is infinite as soon as one node
@@ -94,18 +94,18 @@ SEEN = 4
 
 
 class Sight(NamedTuple):
-    """What a sensor can see, as plain numbers.
+    """The view of a sensor, as plain numbers.
 
     Attributes:
         kind: SPHERE, DISC, CONE or FRUSTUM.
         reach_m: largest slant range (SPHERE, CONE, FRUSTUM) or horizontal radius (DISC).
-        tan_half_fov: tangent of half the opening angle (CONE), of half the angle across the picture (FRUSTUM).
+        tan_half_fov: tangent of half the opening angle (CONE), of half the angle across the photo (FRUSTUM).
         cos_max_incidence: cosine of the largest incidence angle (CONE, FRUSTUM); -1: any.
         line_of_sight: NO_LINE_OF_SIGHT, RAY or MIDPOINT.
-        tan_half_along: tangent of half the angle from the bottom to the top of the picture (FRUSTUM).
+        tan_half_along: tangent of half the angle from the bottom to the top of the photo (FRUSTUM).
         cos_pitch: of the angle between the camera's axis and the horizon (FRUSTUM).
-        sin_pitch: likewise; -1 looks straight down.
-        heading_e: east part of the direction that a level camera's picture has at its top, where it is always the same
+        sin_pitch: the same; -1 looks straight down.
+        heading_e: east part of the direction that a level camera's photo has at its top, where it is always the same
             (FRUSTUM); NaN: the camera turns with the legs.
         heading_n: north part.
         sample_focal_m: largest ground sample distance times the focal length in pixels (CONE, FRUSTUM); infinite: any.
@@ -128,15 +128,9 @@ class Aim(NamedTuple):
     """Orientation of a camera: three orthogonal unit vectors in ENU; NaN where unknown.
 
     Attributes:
-        axis_e: where it looks.
-        axis_n: likewise.
-        axis_u: likewise.
-        right_e: the right of its picture.
-        right_n: likewise.
-        right_u: likewise.
-        top_e: the top of its picture.
-        top_n: likewise.
-        top_u: likewise.
+        axis_e, axis_n, axis_u: where it looks.
+        right_e, right_n, right_u: the right of its photo.
+        top_e, top_n, top_u: the top of its photo.
     """
 
     axis_e: float
@@ -154,7 +148,7 @@ class Aim(NamedTuple):
 def level_aim(sight: Sight, east: float, north: float) -> Aim:
     """Orientation of the camera of a level vehicle that heads along (east, north), of any length.
 
-    A picture with a top has no direction where the vehicle heads nowhere: all is NaN then, and nothing is in view.
+    A photo with a top has no direction where the vehicle heads nowhere: all is NaN then, and nothing is in view.
     """
     if sight.kind != FRUSTUM:
         return Aim(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -168,11 +162,11 @@ def level_aim(sight: Sight, east: float, north: float) -> Aim:
 
 @kernel
 def in_view(sight: Sight, aim: Aim, de: float, dn: float, du: float, ne: float, nn: float, nu: float) -> bool:
-    """Whether a cell is in range, inside the field of view, not too oblique and not too coarse, from a level vehicle.
+    """Whether a cell is in range, in the field of view, not too oblique or coarse, from a level vehicle.
 
     Args:
         sight: the sensor.
-        aim: how it is turned, by :func:`level_aim`.
+        aim: its orientation, from :func:`level_aim`.
         de: from the cell to the sensor, east.
         dn: north.
         du: up.
@@ -192,7 +186,7 @@ def in_view(sight: Sight, aim: Aim, de: float, dn: float, du: float, ne: float, 
 
 @kernel
 def in_round_view(sight: Sight, de: float, dn: float, du: float, ne: float, nn: float, nu: float) -> bool:
-    """:func:`in_view` of every sensor but a FRUSTUM: what it sees does not depend on the heading."""
+    """:func:`in_view` of every sensor but a FRUSTUM; it does not depend on the heading."""
     horizontal2 = de * de + dn * dn
     return bool(view(sight, horizontal2, horizontal2 + du * du, du, 0.0, 0.0, de * ne + dn * nn + du * nu) == OCCLUDED)
 
@@ -201,19 +195,19 @@ def in_round_view(sight: Sight, de: float, dn: float, du: float, ne: float, nn: 
 def view(
     sight: Sight, horizontal2: float, distance2: float, depth: float, across: float, along: float, facing: float
 ) -> int:
-    """How a cell stands to the view of a sensor, whatever lies between.
+    """Test a cell against the view of a sensor, without the line of sight.
 
     Args:
         sight: the sensor.
         horizontal2: squared distance from the sensor to the cell over ground, metres^2.
         distance2: squared distance from the sensor to the cell.
         depth: the part of the distance along the axis of the camera, metres.
-        across: the part along the right of the picture, of either sign.
-        along: the part along the top of the picture, of either sign.
+        across: the part along the right of the photo, of either sign.
+        along: the part along the top of the photo, of either sign.
         facing: height of the sensor above the plane of the cell: distance times the cosine of the incidence angle.
 
     Returns:
-        NOT_IN_RANGE: out of range or outside the field of view. TOO_OBLIQUE. TOO_COARSE: a pixel sees too much ground.
+        NOT_IN_RANGE: out of range or outside the field of view. TOO_OBLIQUE. TOO_COARSE: a pixel covers too much ground.
         OCCLUDED: none of these; the ray decides.
     """
     if sight.kind == DISC:
@@ -225,7 +219,7 @@ def view(
     if sight.kind == CONE:
         if depth <= 0.0 or distance2 > depth * depth * (1.0 + sight.tan_half_fov * sight.tan_half_fov):
             return NOT_IN_RANGE
-    # Asked for rather than against: a comparison with NaN is False.
+    # In this form, because a comparison with NaN is False.
     elif not (depth > 0.0 and abs(across) <= depth * sight.tan_half_fov and abs(along) <= depth * sight.tan_half_along):
         return NOT_IN_RANGE
     if facing < sight.cos_max_incidence * math.sqrt(distance2):
@@ -238,11 +232,11 @@ def view(
 
 @kernel
 def ground_sample_m(focal_px: float, depth: float, facing: float) -> float:
-    """Side of the square of ground that one pixel of a rectilinear camera sees.
+    """Side of the square of ground that one pixel of a rectilinear camera covers.
 
     A pixel off the axis by the angle t fills the solid angle cos(t)^3 / f^2; at distance d on ground of incidence i that is an
     area of d^2 cos(t)^3 / (f^2 cos(i)) = depth^3 / (f^2 facing). On flat ground below a level camera this is height / f in the
-    whole picture.
+    whole photo.
 
     Args:
         focal_px: f, focal length in pixels.
@@ -254,7 +248,7 @@ def ground_sample_m(focal_px: float, depth: float, facing: float) -> float:
 
 @kernel
 def horizontal_reach(sight: Sight) -> float:
-    """Largest horizontal distance at which a sensor on a level vehicle sees anything, metres.
+    """Largest horizontal distance at which a sensor on a level vehicle observes anything, metres.
 
     For a cone that is range sin(half angle). The ray of a frustum that leaves the vertical most goes to one of its upper corners:
     the rays within an angle of the vertical are convex, so the corners decide.
@@ -272,7 +266,7 @@ def horizontal_reach(sight: Sight) -> float:
 
 @kernel
 def widest_tangent(sight: Sight) -> float:
-    """Tangent of the largest angle between the vertical and a ray that a level vehicle's sensor sees; infinite for a ball."""
+    """Tangent of the largest angle between the vertical and a ray of a level vehicle's sensor; infinite for a ball."""
     if sight.kind == CONE:
         return sight.tan_half_fov
     reach = horizontal_reach(sight)
@@ -283,15 +277,15 @@ def widest_tangent(sight: Sight) -> float:
 def highest_in_squares(
     surface: Surface, east0: float, north0: float, side: float, count: int, beside: float
 ) -> NDArray[np.float64]:
-    """(count, count) up coordinate that the ground of a grid nowhere exceeds in or beside squares of the map; rows go north.
+    """(count, count) upper bound of the ground of a grid in or beside squares of the map; rows go north.
 
-    The box around a square on the grid is cut along its node lines: in each part the ground is bilinear, and highest at a
-    corner. Cells without data are left out; NaN where nothing is left.
+    The box around a square on the grid is cut along its node lines: in each part the ground is bilinear, and highest at a corner.
+    Cells without data are left out; NaN if nothing is left.
 
     Args:
         surface: a grid.
         east0: of the south-west corner of the first square.
-        north0: likewise.
+        north0: the same.
         side: of the squares.
         count: of rows and of columns.
         beside: metres around each square that belong to it.

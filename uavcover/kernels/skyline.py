@@ -1,8 +1,8 @@
-"""The skyline that obstacles make around a cell: which rays they surely hide, and which they surely do not.
+"""The skyline of obstacles around a cell: the rays that they surely hide or surely do not hide.
 
-The directions of the map are cut into 64 bins. In each of them a ray that leaves the cell steeply enough passes over every
-obstacle; and where one edge of a footprint spans the bin, every ray that is flat enough and goes on behind the edge is hidden.
-Bounds only save work: a ray that neither of them decides is asked of each obstacle on its way.
+The directions of the map are divided into 64 bins. In each bin, a ray that is steep enough passes over every obstacle. If one
+edge of a footprint spans the bin, every ray that is flat enough and ends behind the edge is hidden. Bounds only save work: other
+rays are tested against each obstacle on their path.
 """
 
 import math
@@ -24,9 +24,9 @@ HIDDEN = 2
 _WIDER = 1e-9
 """Of a bin, on each side, so that rounding puts no ray into a bin that does not know it."""
 _SURELY = 1e-3
-"""Share of a bound by which a ray has to be flatter, or longer: more than the tolerances of obstacles.keeps_clear."""
+"""Fraction of a bound by which a ray has to be flatter, or longer: more than the tolerances of obstacles.keeps_clear."""
 _NEAREST_M = 0.01
-"""Edges nearer than this hide nothing surely."""
+"""Edges nearer than this do not count as surely hiding a ray."""
 
 _MOST_ROWS = 40_000
 """768 bytes each."""
@@ -46,7 +46,7 @@ class Skylines(NamedTuple):
 
 
 def _read_only(row: NDArray[np.int32], bounds: NDArray[np.float32]) -> Skylines:
-    """Kernels are compiled separately for writable and read-only arrays."""
+    """Make arrays read-only, because kernels are compiled separately for writable and read-only arrays."""
     row.flags.writeable = bounds.flags.writeable = False
     return Skylines(row, bounds)
 
@@ -68,7 +68,7 @@ def skylines(
         obstacles: the prisms.
         centre: (n, 3) of the cells, none of them below a top inside its footprint.
         horizon: (n,) of :func:`uavcover.kernels.obstacles.horizons`, with the same reach.
-        reach_m: on the map; rays to places further away are no matter.
+        reach_m: on the map; rays to places further away do not matter.
         flattest: tangent; flatter rays need not be decided.
     """
     wanted = np.flatnonzero(horizon > flattest)
@@ -102,7 +102,7 @@ def skyline_row(skylines: Skylines, cell: int) -> int:
 
 @kernel
 def beyond_skyline(bounds: NDArray[np.float32], row: int, east: float, north: float, up: float) -> int:
-    """What a row of ``bounds`` tells of the ray to a place that is so far from its cell: CLEAR, HIDDEN or UNDECIDED."""
+    """Result of a row of ``bounds`` for the ray from its cell to a position: CLEAR, HIDDEN or UNDECIDED."""
     number = bin_of(east, north)
     over_ground = math.sqrt(east * east + north * north)
     if up >= bounds[row, number, 0] * over_ground:
@@ -147,7 +147,7 @@ def _bounds(
 def _add_edge(
     bounds: NDArray[np.float32], row: int, a: tuple[float, float], b: tuple[float, float], higher: float
 ) -> None:
-    """Take the wall a-b of an obstacle, by east and north from the cell, which it is so much higher than, into its skyline."""
+    """Add the wall a-b of an obstacle to the skyline of a cell, relative to the cell and with its height above it."""
     if a[0] * b[1] - a[1] * b[0] < 0.0:
         a, b = b, a
     # From a counter-clockwise to b, and a bin more on each side against rounding.

@@ -70,7 +70,7 @@ def height(surface: Surface, east: float, north: float) -> float:
 
 @kernel
 def up_above(surface: Surface, east: float, north: float, agl: float) -> float:
-    """Up coordinate of the place ``agl`` metres above the surface; NaN where there is no data.
+    """Up coordinate of the place ``agl`` metres above the surface; NaN without data.
 
     On a grid whose plumb lines lean, column and row depend a little on the answer. Each round makes the rest smaller by slope
     times lean, which is below 1/1000 over a few kilometres; where it does not settle the surface is no function of east and
@@ -100,7 +100,7 @@ def up_above(surface: Surface, east: float, north: float, agl: float) -> float:
 
 @kernel
 def height_above(surface: Surface, east: float, north: float, up: float) -> float:
-    """Height of a place above the surface, metres; NaN where there is no data."""
+    """Height of a place above the surface, metres; NaN without data."""
     if surface.kind == SINE_COSINE:
         return up - up_above(surface, east, north, 0.0)
     column, row = on_grid(surface.grid, east, north, up)
@@ -118,7 +118,7 @@ def has_node_cell(surface: Surface, east: float, north: float, up: float) -> boo
 
 @allocating_kernel
 def gradient(surface: Surface, east: float, north: float) -> tuple[float, float]:
-    """Slope of the surface towards east and towards north (dimensionless); NaN where there is no data."""
+    """Slope of the surface towards east and towards north (dimensionless); NaN without data."""
     if surface.kind == SINE_COSINE:
         s = surface.step_m
         return -math.sin(north / s) * math.sin(east / s), math.cos(north / s) * math.cos(east / s)
@@ -142,7 +142,7 @@ def gradient(surface: Surface, east: float, north: float) -> tuple[float, float]
 
 @allocating_kernel
 def heights(surface: Surface, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Heights at (n,) places, metres; NaN where there is no data."""
+    """Heights at (n,) positions, metres; NaN without data."""
     out = np.empty(east.size)
     for i in range(east.size):
         out[i] = height(surface, east[i], north[i])
@@ -153,7 +153,7 @@ def heights(surface: Surface, east: NDArray[np.float64], north: NDArray[np.float
 def ups_above(
     surface: Surface, east: NDArray[np.float64], north: NDArray[np.float64], agl: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Up coordinates of (n,) places with heights above ground, metres; NaN where there is no data."""
+    """Up coordinates of (n,) positions with heights above ground, metres; NaN without data."""
     out = np.empty(east.size)
     for i in range(east.size):
         out[i] = up_above(surface, east[i], north[i], agl[i])
@@ -162,7 +162,7 @@ def ups_above(
 
 @allocating_kernel
 def heights_above(surface: Surface, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Heights above ground of (n, 3) places, metres; NaN where there is no data."""
+    """Heights above ground of (n, 3) positions, metres; NaN without data."""
     out = np.empty(places.shape[0])
     for i in range(places.shape[0]):
         out[i] = height_above(surface, places[i, 0], places[i, 1], places[i, 2])
@@ -171,7 +171,7 @@ def heights_above(surface: Surface, places: NDArray[np.float64]) -> NDArray[np.f
 
 @allocating_kernel
 def gradients(surface: Surface, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) slopes towards east and north at (n,) places."""
+    """(n, 2) slopes towards east and north at (n,) positions."""
     out = np.empty((east.size, 2))
     for i in range(east.size):
         out[i, 0], out[i, 1] = gradient(surface, east[i], north[i])
@@ -281,7 +281,7 @@ def _height_range_analytic(
 def stays_above(
     surface: Surface, pe: float, pn: float, pu: float, qe: float, qn: float, qu: float, limit: float
 ) -> bool:
-    """Whether a segment is nowhere lower than ``limit`` above the surface; False where there is no data.
+    """Whether a segment is nowhere lower than ``limit`` above the surface; False without data.
 
     The answer of :func:`height_range_between`, found sooner. Above the analytic surface: from a place high above the ground no
     piece can reach the limit before the segment has come down at the steepest slope there is.
@@ -337,7 +337,7 @@ def _stays_above_grid(
 
 @allocating_kernel
 def leg_height_ranges(surface: Surface, route: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n - 1, 4) smallest height above ground, its parameter, largest, its parameter, of the legs of an (n, 3) route."""
+    """(n - 1, 4) smallest height above ground, its parameter, the largest, its parameter, of each leg of a route."""
     legs = route.shape[0] - 1
     out = np.empty((max(legs, 0), 4))
     for i in range(legs):

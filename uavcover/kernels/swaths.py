@@ -12,19 +12,19 @@ from uavcover.kernels.surface import Surface, height, up_above
 _STEPS = 32
 _DAMPING = 0.7
 _STEEPEST_GROWTH2 = 0.75
-"""Where a way climbs nearly as fast as the cone widens, it is not taken as wider than twice."""
+"""Upper limit of the widening factor, for paths that climb nearly as fast as the cone widens."""
 
 
 @kernel
 def side_reach(
     surface: Surface, sight: Sight, east: float, north: float, up: float, ce: float, cn: float, slope: float
 ) -> float:
-    """Distance to the side, without gaps, that a moving ball or cone sees; metres on the map.
+    """Distance to the side, without gaps, that a moving ball or cone observes; metres on the map.
 
-    What moves uphill or downhill sees farther beside it from a little farther up: a cone is 1 / sqrt(1 - tan^2 slope^2) as
-    wide, a ball has only the distance to its path to overcome. The first place that is out of view is looked for in steps
-    of a thirty-second of the reach, then where the sensor's edge crosses the ground between two steps, both taken as
-    straight. Nothing hides anything.
+    What moves uphill or downhill observes farther beside it from a little farther up: a cone is 1 / sqrt(1 - tan^2 slope^2) as
+    wide, a ball has only the distance to its path to overcome. The first place that is out of view is looked for in steps of a
+    thirty-second of the reach, then where the sensor's edge crosses the ground between two steps, both taken as straight.
+    Nothing hides anything.
 
     Args:
         surface: the ground.
@@ -72,7 +72,7 @@ def balance_lines(
 ) -> NDArray[np.float64]:
     """Bend lines until the gaps or overlaps between their strips are equal at every station.
 
-    Each round measures what every line sees to both sides, finds the places at which all gaps would be the same, moves the
+    Each round measures what every line observes to both sides, finds the places at which all gaps would be the same, moves the
     lines most of the way there and smooths them.
 
     Args:

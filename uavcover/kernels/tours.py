@@ -18,12 +18,12 @@ _WIDEST_KICK = 30
 _LEAST_GAIN = 1e-9
 
 FREE_ENDS = np.full(3, np.nan)
-"""In place of a home: both ends of a tour are free."""
+"""Used as home if both ends of a tour are free."""
 
 
 @allocating_kernel
 def nearest(distance: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """(n, count) numbers of the points nearest to each of n points, itself left out; of equals the lower number first.
+    """(n, count) numbers of the points nearest to each of n points; of equal ones the lower number first.
 
     Args:
         distance: (n, n).
@@ -142,7 +142,7 @@ def _settle(
     place = np.empty(n, dtype=np.int64)
     for i in range(n):
         place[tour[i]] = i
-    # A ring: no point waits twice, so n + len(points) places are enough.
+    # A ring: no point waits twice, so n + len(points) positions are enough.
     queue = np.empty(n + points.size, dtype=np.int64)
     head, size = 0, points.size
     queue[:size] = points
@@ -179,7 +179,7 @@ def _turn_stretch(
     a: int,
     touched: NDArray[np.int64],
 ) -> float:
-    """2-opt: the first move that helps and links ``a`` to a near point, made in place; what it gains, 0 for none."""
+    """2-opt: make the first move that helps and links ``a`` to a near point; its gain, 0 for none."""
     n = tour.size
     for step in (1, -1):
         b = tour[(place[a] + step) % n]
@@ -224,7 +224,7 @@ def _move_stretch(
     a: int,
     touched: NDArray[np.int64],
 ) -> float:
-    """Or-opt: move one to three points that end at ``a`` to where ``a`` gets a near neighbour; what it gains, 0 for none."""
+    """Or-opt: move one to three points that end at ``a`` beside a near point; its gain, 0 for none."""
     n = tour.size
     for step in (1, -1):
         for length in range(1, min(_LONGEST_STRETCH, n - 3) + 1):
@@ -253,7 +253,7 @@ def _move_stretch(
 def _insert(
     tour: NDArray[np.int64], place: NDArray[np.int64], a: int, step: int, length: int, c: int, side: int
 ) -> None:
-    """Take the stretch from ``a`` along ``step`` out, and put it beside ``c`` on the given side, ``a`` next to ``c``."""
+    """Remove the stretch from ``a`` along ``step`` and insert it beside ``c`` on the given side, ``a`` next to ``c``."""
     n = tour.size
     stretch = np.empty(length, dtype=np.int64)
     for k in range(length):
@@ -283,7 +283,7 @@ _KICKS_PER_POINT = 20
 
 
 def short_tour(points_m: NDArray[np.float64], home_m: NDArray[np.float64] = FREE_ENDS) -> NDArray[np.int64]:
-    """A short order (n,) of (n, 3) points, from a home (3,) and back to it over the map, or with free ends; deterministic.
+    """A short order (n,) of (n, 3) points, from a home (3,) and back, or with free ends; deterministic.
 
     About 2 ms for 50 points and 0.4 s for 1,000; 8 n^2 bytes.
     """
@@ -307,8 +307,7 @@ def shorten_open(
         order: (n,) which of them, in the order to start from.
         kicks: how many; each is kept where it helps.
         rng: draws the kicks.
-        home: (3,) from where the way to the first point and back from the last one counts, over the map; NaN: both ends are
-            free.
+        home: (3,) from where the way to the first point and back from the last one counts, over the map; NaN: both ends are free.
 
     Returns:
         (n,) the same numbers in an order that is not longer.
@@ -338,7 +337,7 @@ def shorten_open(
 
 @allocating_kernel
 def order_between_ends(distance: NDArray[np.float64]) -> NDArray[np.int64]:
-    """A short order of all points from the first to the last: nearest neighbour, then 2-opt and Or-opt until none helps.
+    """A short order of all points from the first to the last: nearest neighbour, 2-opt and Or-opt.
 
     Args:
         distance: (n, n) symmetric; point 0 stays first, point n - 1 last.

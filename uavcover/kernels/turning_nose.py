@@ -1,6 +1,6 @@
-"""Where the nose points along a line that is flown: it turns at a limited rate, and the vehicle flies on meanwhile.
+"""Heading of the vehicle along a flown line: it yaws at a limited rate while it flies on.
 
-PX4 also limits how fast that rate changes (its HeadingSmoothing): a turn by 90 degrees takes 4.2 s, not 1.5.
+PX4 also limits how fast that rate changes (HeadingSmoothing): a turn by 90 degrees takes 4.2 s instead of 1.5.
 """
 
 import math
@@ -13,35 +13,37 @@ from uavcover.kernels.flight_time import Pace, circle_speed, stopping_speed
 from uavcover.kernels.jit import allocating_kernel, kernel
 
 _AT_ONCE_DEG = 5.0
-"""On a leg, less of a turn is made at once. With 20 degrees a plan over 40 m claimed 0.5 points more."""
+"""Smaller turns on a leg happen at once. With 20 degrees, a plan over 40 m claimed 0.5 points more."""
 
 _STEP_DEG = 3.0
-"""Of a turn on a leg, at most; the nose points to the middle of each step. A turn shows the same in smaller steps; in steps of 10
-degrees up to 0.4 points of a plan less, of 60 a point."""
+"""Largest step of a turn on a leg; the heading is that of the middle of each step. Smaller steps give the same coverage; steps
+of 10 degrees give up to 0.4 points less, steps of 60 degrees a point."""
 
 _LEAST_M = 1e-6
 _MOST_STEPS = math.ceil(360.0 / _STEP_DEG) + 1
-"""On one leg: half of them for half a turn. A nose that turns the other way when a leg begins goes on by 90 degrees, and back."""
+"""On one leg: half of them for half a turn. If the vehicle yaws the other way when a leg begins, it goes on by 90 degrees, and
+back."""
 
 _LACKING, _MADE_UP, _LACKING_LONGER = 0.45, 0.7, 2.0
-"""Share of its set speed that PX4 lacks when a leg begins, share of that which speed along the leg makes up for, and in how many
-times the time of settling it is over: as in the mock vehicle, whose flights take PX4's time (docs/results/flight_time.md)."""
+"""Fraction of its set speed that PX4 lacks when a leg begins, fraction of that which speed along the leg makes up for, and in
+how many times the time of settling it is over: as in the mock vehicle, whose flights take PX4's time
+(docs/results/flight_time.md)."""
 
 _SLOWEST_M_S = 0.3
-"""To the end of a leg, where the way that is left asks for less."""
+"""At the end of a leg, if the remaining distance requires less."""
 
 _TIME_STEP_S = 0.02
 _ALIGNED_DEG = 0.25
-"""Where the rate changes in time: a turn is over when less than this is left of it, and it is slow enough to end there."""
+"""With a limited yaw acceleration, a turn ends when less than this remains and it is slow enough to stop."""
 
 
 class TurnedLine(NamedTuple):
-    """A line with pieces where the nose turns.
+    """A line with pieces on which the vehicle yaws.
 
     Attributes:
-        places_m: (m, 3) ENU, those of the line and more on its legs.
-        headings: (m - 1, 2) where the nose points on each piece, east and north, of any length.
-        numbers: (k,) of the places of the line among them.
+        places_m: (m, 3) ENU, the positions of the line and more on its legs.
+        headings: (m - 1, 2) heading on each piece, east and north, of any length.
+        numbers: (k,) of the original positions among them.
     """
 
     places_m: NDArray[np.float64]
@@ -50,13 +52,13 @@ class TurnedLine(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """How the k - 1 pieces of a line are flown.
+    """Motion on the k - 1 pieces of a line.
 
     Attributes:
-        ways: (k - 1, 2) direction east and north to which the nose turns; (0, 0): to none, and a camera has none there.
+        ways: (k - 1, 2) target heading east and north; (0, 0): none, and a camera has none there.
         steps_s: (k - 1,) seconds of each piece of a corner; 0 for a leg.
-        lengths_m: (k - 1,) that are flown on a leg.
-        begins_m_s: (k - 1,) speed with which a leg begins.
+        lengths_m: (k - 1,) flown length of a leg.
+        begins_m_s: (k - 1,) speed at the begin of a leg.
     """
 
     ways: NDArray[np.float64]
@@ -67,14 +69,14 @@ class Pieces(NamedTuple):
 
 @allocating_kernel
 def turned_line(pace: Pace, places_m: NDArray[np.float64], pieces: Pieces, before: NDArray[np.float64]) -> TurnedLine:
-    """The line on which the nose follows the ways; where a piece is too short, it is late.
+    """The line with headings that follow its directions; on pieces that are too short, they are late.
 
     Args:
-        pace: of the vehicle. Where its nose turns at an even rate it speeds up on a leg until it cruises, so that it turns late,
-            not early; where that rate changes in time it flies as PX4 does.
+        pace: of the vehicle. With a constant yaw rate, it accelerates on a leg up to cruise speed, so that turns are late rather
+            than early. With a limited yaw acceleration, it flies as PX4 does.
         places_m: (k, 3) ENU of the line.
-        pieces: how it is flown.
-        before: (2,) where the nose points before; (0, 0): along the first piece.
+        pieces: their motion.
+        before: (2,) heading before; (0, 0): along the first piece.
     """
     k, at_once = places_m.shape[0], math.radians(_AT_ONCE_DEG)
     most_places = k + _MOST_STEPS * np.count_nonzero(pieces.steps_s == 0.0)
@@ -130,10 +132,10 @@ def _towards(nose: float) -> tuple[float, float]:
 
 
 class _Motion(NamedTuple):
-    """How a leg is flown.
+    """Motion on a leg.
 
     Attributes:
-        begin_m_s: speed along it at its beginning.
+        begin_m_s: speed along it at its begin.
         end_m_s: speed at its end.
         length_m: of it.
     """
@@ -147,18 +149,19 @@ class _Motion(NamedTuple):
 def _turn(
     pace: Pace, turn: float, rate: float, motion: _Motion, step_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
-    """How the nose turns on a leg, or in the seconds of a piece of a corner, radians, by as much as is reached of a turn.
+    """Yaw on a leg or on a piece of a corner, radians, as far as the turn gets.
 
     Args:
         pace: of the vehicle.
-        turn: whole of it.
-        rate: radians a second, at the beginning.
+        turn: the whole turn.
+        rate: radians per second, at the begin.
         motion: of the leg.
         step_s: seconds of a piece of a corner; 0 on a leg.
 
     Returns:
-        (n,) metres of the leg at which a heading ends; (n + 1,) the part of the turn that each of them has in its middle, and the
-        rest of the leg; what is reached of the turn, and the rate by then.
+        (n,) metres of the leg at which a heading ends; (n + 1,) the part of the turn at the middle of each of them and of the
+        rest of
+        the leg; the finished part of the turn, and the final rate.
     """
     if pace.yaw_acceleration_deg_s2 == math.inf:
         ways_m, parts, reached = _even_turn(pace, turn, motion, step_s)
@@ -170,7 +173,7 @@ def _turn(
 def _even_turn(
     pace: Pace, turn: float, motion: _Motion, step_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """A turn at an even rate, in even steps."""
+    """A turn at a constant rate, in equal steps."""
     rate = math.radians(pace.yaw_rate_deg_s)
     seconds = step_s if step_s > 0.0 else _seconds(pace, motion.begin_m_s, motion.length_m)
     reached = turn if abs(turn) <= rate * seconds else math.copysign(rate * seconds, turn)
@@ -189,7 +192,7 @@ def _even_turn(
 def _ramped_turn(
     pace: Pace, turn: float, rate: float, motion: _Motion, step_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
-    """A turn in the least time, in small steps of time: as fast as it still comes to rest where it ends.
+    """The fastest turn that comes to rest at its end, in small time steps.
 
     The vehicle flies on as PX4 does: it follows its set speed late, and its acceleration changes with its jerk.
     """
@@ -228,10 +231,10 @@ def _ramped_turn(
 
 @allocating_kernel
 def braked_speeds_m_s(pace: Pace, ways: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) speeds at which PX4 begins (n, 2) ways, each behind a corner, the first one behind the (2,) way before.
+    """(n,) speeds at which PX4 begins (n, 2) ways after a corner; the first one follows the (2,) way before.
 
-    As the flight time has it; never above that of cruise, or more than it can stop from on the way. From rest, where a way is
-    straight up or down, or where it or the one before it is shorter than the radius in which waypoints are passed.
+    They agree with the flight time, and never exceed cruise speed or the speed from which it can stop. They start from rest for a
+    vertical way, and if it or the previous one is shorter than the acceptance radius.
     """
     out = np.empty(ways.shape[0])
     east, north = before[0], before[1]
@@ -247,14 +250,14 @@ def braked_speeds_m_s(pace: Pace, ways: NDArray[np.float64], before: NDArray[np.
 
 @kernel
 def _way_m(pace: Pace, begin_m_s: float, seconds: float) -> float:
-    """Metres so long after the beginning of a leg."""
+    """Distance after a time from the begin of a leg, metres."""
     rising_s = min(seconds, (pace.cruise_m_s - begin_m_s) / pace.acceleration_m_s2)
     return (begin_m_s + 0.5 * pace.acceleration_m_s2 * rising_s) * rising_s + pace.cruise_m_s * (seconds - rising_s)
 
 
 @kernel
 def _seconds(pace: Pace, begin_m_s: float, way_m: float) -> float:
-    """Seconds of so many metres from the beginning of a leg."""
+    """Time for a distance from the begin of a leg."""
     rising_m = (pace.cruise_m_s**2 - begin_m_s**2) / (2.0 * pace.acceleration_m_s2)
     risen_m_s = math.sqrt(begin_m_s**2 + 2.0 * pace.acceleration_m_s2 * min(way_m, rising_m))
     return (risen_m_s - begin_m_s) / pace.acceleration_m_s2 + max(0.0, way_m - rising_m) / pace.cruise_m_s

@@ -1,10 +1,10 @@
-"""What a way costs: metres, seconds or energy, with wind, climbs and turns; and its waypoints, by number and place in the band.
+"""Cost of a path in metres, seconds or energy, with wind, climbs and turns, and of its waypoints.
 
-A cost of the whole mission begins and ends on the ground at home. During a search the transits are straight lines from above
-home, with what the checked transits cost more on average near each end: they climb over terrain and go around zones. What is
-reported is counted along the checked transits (:func:`uavcover.missions.objectives.mission_cost`).
+The cost of a mission begins and ends on the ground at home. During a search, transits are straight lines from above home, plus
+the average extra cost of checked transits near each end, which climb over terrain and avoid zones. Reported costs use the checked
+transits (:func:`uavcover.missions.objectives.mission_cost`).
 
-A route that no single flight can fly is split for the least total time in the order of its waypoints, by the procedure of
+A route that is too long for one flight is split for the least total time in the order of its waypoints, with the procedure of
 Prins (2004), doi 10.1016/S0305-0548(03)00158-8.
 """
 
@@ -24,17 +24,16 @@ TIME = 1
 ENERGY = 2
 
 HOVERING = Power(1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
-"""Power that is that of hovering at any speed: energy is then time."""
+"""Constant hovering power at any speed, so that energy equals time."""
 
 
 class Detours(NamedTuple):
-    """Costs of checked transits beside straight ones, on a lattice; between its places they are interpolated.
+    """Extra costs of checked transits compared with straight ones, interpolated on a lattice.
 
     Attributes:
-        more: (rows, columns, 4) cost more to a place at the lower height from home, and from it to home, and the same at the
-            upper height; (0, 0, 4) where nothing is known.
-        east0_m: of the first place.
-        north0_m: of the first place.
+        more: (rows, columns, 4) extra cost to a position at the lower height from home, and from it to home, and the same at the
+            upper height; (0, 0, 4) if unknown.
+        east0_m, north0_m: of the first position.
         east_m: between two columns.
         north_m: between two rows.
         low_agl_m: the lower height.
@@ -57,20 +56,20 @@ NO_DETOURS = Detours(_NO_COSTS)
 
 
 class WayCost(NamedTuple):
-    """What is to be made small.
+    """The cost to minimise.
 
     Attributes:
         unit: LENGTH, metres of the path; TIME, seconds of flight; or ENERGY, seconds of hovering.
         pace: of the vehicle.
-        deviation_price: of a metre that a waypoint is above or below the middle of the band (Eq. 7), in that unit.
+        deviation_price: per metre of a waypoint above or below the middle of the band (Eq. 7), in that unit.
         middle_agl_m: the middle of the band.
-        mission: 1 when time or energy is that of the whole mission, with take-off, the ways there and home, and landing.
-        column_top: where the way there begins and the way home ends: the place above home.
+        mission: 1 if time or energy is that of the whole mission, with take-off, transit and landing.
+        column_top: position above home where transit begins and ends.
         column_m: its height above home.
-        stop_at_first: 1 when the vehicle stops at its first waypoint, where the pictures begin.
+        stop_at_first: 1 if the vehicle stops at its first waypoint, where the photos begin.
         waypoint_price: of every waypoint, in that unit.
         power: of the vehicle, for ENERGY.
-        detours: what transits of the whole mission cost more than straight ones, in that unit.
+        detours: extra costs of transits, in that unit.
     """
 
     unit: int
@@ -87,12 +86,12 @@ class WayCost(NamedTuple):
 
 
 SHORTEST = WayCost(LENGTH, Pace(1.0, 1.0, 1.0), 0.0, 0.0)
-"""Nothing but the length counts."""
+"""Only the length counts."""
 
 
 @kernel
 def leg_cost(way: WayCost, p: Place, q: Place) -> float:
-    """Of the leg from p to q, without its ends."""
+    """Cost of the leg from p to q, without its ends."""
     if way.unit == TIME:
         return leg_time(way.pace, p, q)
     if way.unit == ENERGY:
@@ -102,7 +101,7 @@ def leg_cost(way: WayCost, p: Place, q: Place) -> float:
 
 @kernel
 def turn_cost(way: WayCost, p: Place, q: Place, r: Place) -> float:
-    """Of the turn at q."""
+    """Cost of the turn at q."""
     if way.unit == TIME:
         return turn_time(way.pace, p, q, r)
     return turn_energy(way.power, way.pace, p, q, r) if way.unit == ENERGY else 0.0
@@ -110,7 +109,7 @@ def turn_cost(way: WayCost, p: Place, q: Place, r: Place) -> float:
 
 @kernel
 def place_cost(surface: Surface, way: WayCost, p: Place) -> float:
-    """Of a waypoint by itself."""
+    """Cost of a single waypoint."""
     if way.deviation_price == 0.0:
         return way.waypoint_price
     return way.waypoint_price + way.deviation_price * abs(height_above(surface, p[0], p[1], p[2]) - way.middle_agl_m)
@@ -130,7 +129,7 @@ def time_home(way: WayCost, p: Place) -> float:
 
 @kernel
 def _cost_there(way: WayCost, p: Place) -> float:
-    """Of the way from the ground at home to rest at p, in time or energy."""
+    """Cost of the flight from the ground at home to rest at p, in time or energy."""
     if way.unit == ENERGY:
         return takeoff_energy(way.power, way.pace, way.column_m) + leg_cost(way, way.column_top, p)
     return time_there(way, p)
@@ -138,7 +137,7 @@ def _cost_there(way: WayCost, p: Place) -> float:
 
 @kernel
 def _cost_home(way: WayCost, p: Place) -> float:
-    """Of the way from rest at p to the ground at home, in time or energy."""
+    """Cost of the flight from rest at p to the ground at home, in time or energy."""
     if way.unit == ENERGY:
         return leg_cost(way, p, way.column_top) + landing_energy(way.power, way.pace, way.column_m)
     return time_home(way, p)
@@ -146,7 +145,7 @@ def _cost_home(way: WayCost, p: Place) -> float:
 
 @kernel
 def _detour_cost(surface: Surface, detours: Detours, p: Place, direction: int) -> float:
-    """How much more the transit to p, 0, or home from it, 1, costs than a straight one."""
+    """Extra cost of the transit to p, 0, or home from it, 1, compared with a straight one."""
     rows, columns = detours.more.shape[0], detours.more.shape[1]
     if rows < 2 or columns < 2:
         return 0.0
@@ -156,7 +155,7 @@ def _detour_cost(surface: Surface, detours: Detours, p: Place, direction: int) -
     x -= j
     y -= i
     agl_m = height_above(surface, p[0], p[1], p[2])
-    # 0 where the ground is not known.
+    # 0 if the ground is unknown.
     high = (min(agl_m, detours.high_agl_m) - detours.low_agl_m) / (detours.high_agl_m - detours.low_agl_m)
     high = high if high > 0.0 else 0.0
     total = 0.0
@@ -170,7 +169,7 @@ def _detour_cost(surface: Surface, detours: Detours, p: Place, direction: int) -
 
 @kernel
 def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], begins: bool, ends: bool) -> float:
-    """Of an (n, 3) stretch of a route: its legs, its turns and its waypoints; with the way there, and the way home.
+    """Cost of an (n, 3) stretch of a route: legs, turns and waypoints; with transit at its ends.
 
     Args:
         surface: the ground.
@@ -206,13 +205,13 @@ def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], b
 
 @kernel
 def route_cost(surface: Surface, way: WayCost, route: NDArray[np.float64]) -> float:
-    """Of a whole (n, 3) route; of the mission that flies it, where the cost is that of the mission."""
+    """Cost of a whole (n, 3) route, or of its mission if the cost is that of the mission."""
     whole = route.shape[0] >= 0  # true: numba compiles a version of its own for a value that it reads
     return stretch_cost(surface, way, route, whole, whole)
 
 
 class FlightEnergies(NamedTuple):
-    """Seconds of hovering that a flight uses which begins or ends at each of n waypoints, in w winds; none limit it where w is 0.
+    """Seconds of hovering of a flight that begins or ends at each of n waypoints, in w winds; no limit if w is 0.
 
     Attributes:
         so_far_s: (w, n) from the first waypoint, without turns.
@@ -232,26 +231,26 @@ class FlightEnergies(NamedTuple):
 
 
 _SPLIT_MARGIN_S = 1e-3
-"""Sums in another order differ by less."""
+"""Sums in different orders differ by less."""
 
 _NONE = np.empty((0, 0))
 NO_ENERGIES = FlightEnergies(_NONE, _NONE, _NONE, _NONE, _NONE, math.inf)
-"""Where there is no endurance."""
+"""Without an endurance."""
 
 
 class FlightCosts(NamedTuple):
-    """What a flight costs that begins or ends at each of (n,) waypoints.
+    """Costs of a flight that begins or ends at each of (n,) waypoints.
 
     Attributes:
         so_far_s: (n,) flight time from the first waypoint, without turns.
         turns_s: (n,) of all turns up to and at the waypoint.
-        there_s: (n,) from home on the ground; infinite where no flight may begin.
-        back_s: (n,) to home, landed; infinite where no flight may end.
+        there_s: (n,) from home on the ground; infinite if no flight may begin.
+        back_s: (n,) to home, landed; infinite if no flight may end.
         alone_s: (n,) of a flight to this waypoint only.
-        there_items: (n,) mission items before the waypoint, home among them.
-        back_items: (n,) behind it.
+        there_items: (n,) mission items before the waypoint, including home.
+        back_items: (n,) after it.
         each_items: of every waypoint.
-        shared: 1 when a flight begins at the last waypoint of the previous one, 0 when at the next waypoint.
+        shared: 1 if a flight begins at the last waypoint of the previous one, 0 if at the next waypoint.
         endurance_s: of one flight.
         item_limit: of one mission.
         barred: (m, 2) first and last waypoints of flights that are excluded.
@@ -289,7 +288,7 @@ def battery_s(energies: FlightEnergies, first: int, last: int) -> float:
 
 @kernel
 def flight_s(costs: FlightCosts, first: int, last: int) -> float:
-    """Seconds of the flight along waypoints first..last; infinite where it may not be flown."""
+    """Seconds of the flight along waypoints first..last; infinite if it is not permitted."""
     time = _seconds(costs, first, last)
     items = costs.there_items[first] + costs.each_items * (last - first + 1) + costs.back_items[last]
     if not time <= costs.endurance_s or items > costs.item_limit:

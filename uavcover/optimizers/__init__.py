@@ -1,6 +1,6 @@
-"""Multi-objective optimizers behind ask and tell, by name: ours, pymoo's, or any class as ``module:Class``.
+"""Multi-objective optimizers with ask and tell, by name: ours, pymoo's, or any class as ``module:Class``.
 
-They know boxes, objectives and constraints, and nothing of UAVs. An optimizer that is not ours is guarded: what it proposes is
+They handle boxes, objectives and constraints, and know nothing of UAVs. An optimizer from elsewhere is guarded: its proposals are
 checked and counted, and our archive keeps the best.
 """
 
@@ -63,22 +63,22 @@ Returned = TypeVar("Returned")
 
 
 class GuardedOptimizer:
-    """An optimizer with ``ask`` and ``tell`` from anywhere, offered as `AskAndTell`.
+    """An optimizer with ``ask`` and ``tell`` from elsewhere, as `AskAndTell`.
 
-    Every candidate must be finite and inside the bounds, and a round must have at most ``population_size`` of them. The
-    search ends when another round like the last one would exceed ``population_size * max_iterations`` evaluations, or before
-    if the optimizer says ``should_stop``. The result is its own ``pareto_set()`` if it has one, else the best of all
-    candidates, kept in our external archive.
+    Every candidate must be finite and inside the bounds, and a round has at most ``population_size`` of them. The search ends
+    when another round like the last one would exceed ``population_size * max_iterations`` evaluations, or when the optimizer says
+    ``should_stop``. The result is its own ``pareto_set()`` if it has one, otherwise the best of all candidates, from our external
+    archive.
 
     Args:
         algorithm: class with ``ask()`` and ``tell(objectives, violations)``.
-        name: for error lines.
+        name: for error messages.
         lower: ``(d,)`` smallest allowed values.
         upper: ``(d,)`` largest allowed values.
-        **settings: the keyword arguments of `AskTellOptimizer`, handed on as they are.
+        **settings: the keyword arguments of `AskTellOptimizer`, passed on unchanged.
 
     Raises:
-        OptimizerError: the class cannot be built with these, or does not keep to the rules above; names it and the method.
+        OptimizerError: the class cannot be built with these, or breaks the rules above; names it and the method.
     """
 
     def __init__(self, algorithm: type, name: str, lower: npt.ArrayLike, upper: npt.ArrayLike, **settings: Any) -> None:
@@ -133,7 +133,7 @@ class GuardedOptimizer:
         return self._asked
 
     def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
-        """See `AskAndTell.tell`; the optimizer is always given violations, ``(n, c)``."""
+        """See `AskAndTell.tell`; the optimizer always receives violations, ``(n, c)``."""
         if self._asked is None:
             raise OptimizerError("tell: no candidates are open; call ask() first, and tell() once for each ask()")
         n = len(self._asked)
@@ -153,7 +153,7 @@ class GuardedOptimizer:
         self._asked = None
 
     def pareto_set(self) -> ParetoSet:
-        """See `AskAndTell.pareto_set`: what the optimizer says, or our archive if it says nothing."""
+        """See `AskAndTell.pareto_set`: the optimizer's own set, or our archive."""
         if self._iteration == 0:
             raise OptimizerError("pareto_set: no candidates evaluated yet; complete one ask() and tell() first")
         if not hasattr(self._optimizer, "pareto_set"):
@@ -167,9 +167,7 @@ class GuardedOptimizer:
             array = finite_array(getattr(found, what), f"{self._name}.pareto_set().{what}")
             rows = len(columns[0]) if columns else max(1, len(array))
             if array.shape != (rows, width):
-                raise OptimizerError(
-                    f"{self._name}.pareto_set().{what}: the shape is {array.shape}, but must be {(rows, width)}"
-                )
+                raise OptimizerError(f"{self._name}.pareto_set().{what}: shape {array.shape}, not {(rows, width)}")
             columns.append(read_only(array))
         if not self._box.contains(columns[0]):
             raise OptimizerError(f"{self._name}.pareto_set().x: a row is outside the bounds; return rows of ask()")
@@ -225,17 +223,17 @@ _SETTINGS = ("n_objectives", "n_constraints", "population_size", "max_iterations
 
 
 def optimizer_class(algorithm: str | type) -> type:
-    """The class that an algorithm's name stands for.
+    """The class of an algorithm's name.
 
     Args:
-        algorithm: a key of `ALGORITHMS`; ``module:Class``, where the module may be a file in the current folder;
-            ``pymoo:NSGA3`` for a multi-objective algorithm of pymoo; or the class itself. A class of pymoo's is adapted.
+        algorithm: a key of `ALGORITHMS`; ``module:Class``, where the module may be a file in the current folder; ``pymoo:NSGA3``
+            for a multi-objective algorithm of pymoo, which is adapted; or the class itself.
 
     Returns:
         A class with ``ask`` and ``tell`` that takes the arguments of `AskTellOptimizer`; build it with `make_optimizer`.
 
     Raises:
-        OptimizerError: there is no such name, module or class, importing the module fails, or the class is no optimizer.
+        OptimizerError: the name, module or class does not exist, importing the module fails, or the class is not an optimizer.
     """
     if isinstance(algorithm, str):
         if algorithm in ALGORITHMS:
@@ -269,16 +267,16 @@ def optimizer_name(algorithm: str | type) -> str:
 def make_optimizer(
     algorithm: str | type, lower: npt.ArrayLike, upper: npt.ArrayLike, **settings: Any
 ) -> AskTellOptimizer | AskAndTell:
-    """A fresh optimizer. What is not one of our own classes is guarded: see `GuardedOptimizer`.
+    """A new optimizer. Classes from elsewhere are guarded: see `GuardedOptimizer`.
 
     Args:
-        algorithm: as `optimizer_class` takes it.
+        algorithm: as for `optimizer_class`.
         lower: ``(d,)`` smallest allowed values.
         upper: ``(d,)`` largest allowed values.
         **settings: the keyword arguments of `AskTellOptimizer`.
 
     Raises:
-        OptimizerError: it cannot be found, is no optimizer, or refuses these settings.
+        OptimizerError: it cannot be found, is not an optimizer, or refuses these settings.
     """
     found = optimizer_class(algorithm)
     if found in ALGORITHMS.values():
@@ -312,7 +310,7 @@ def _imported(name: str) -> object:
 def _module(module_name: str, name: str) -> ModuleType:
     here = os.getcwd()
     if here not in sys.path and "" not in sys.path:
-        sys.path.insert(0, here)  # as python -m: what the module imports later is found here too
+        sys.path.insert(0, here)  # as python -m, so that later imports of the module are found, too
         importlib.invalidate_caches()
     try:
         return importlib.import_module(module_name)
@@ -346,7 +344,7 @@ def _classes_in(found: object) -> str:
 
 
 def _is_pymoo(found: type) -> bool:
-    # A class of pymoo's cannot exist before pymoo has been imported.
+    # A pymoo class cannot exist before pymoo has been imported.
     base = getattr(sys.modules.get("pymoo.core.algorithm"), "Algorithm", None)
     return base is not None and issubclass(found, base)
 
@@ -355,7 +353,7 @@ def _check_arguments(found: type, name: str) -> None:
     try:
         signature = inspect.signature(found)
     except (TypeError, ValueError):
-        return  # written in C: building it will tell
+        return  # written in C: building it will show
     try:
         signature.bind(np.zeros(1), np.ones(1), **dict.fromkeys(_SETTINGS))
     except TypeError as error:

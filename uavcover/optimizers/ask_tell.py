@@ -1,7 +1,7 @@
 """Ask and tell: the interface of every optimizer, and the common base of ours, which samples, checks, archives and saves.
 
-The optimizer proposes, the caller evaluates: however, wherever and in as many processes as it likes. All objectives are
-minimised; a constraint is a number that is > 0 when violated.
+The optimizer proposes, and the caller evaluates anywhere, in any number of processes. All objectives are minimised; a constraint
+is a number that is > 0 if violated.
 """
 
 from abc import ABC, abstractmethod
@@ -38,7 +38,7 @@ def finite_array(values: npt.ArrayLike, name: str) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Solutions:
-    """Rows of decision vectors with what they are worth; n = rows, d = variables, m = objectives, c = constraints."""
+    """Rows of decision vectors with their values; n = rows, d = variables, m = objectives, c = constraints."""
 
     x: FloatArray  # (n, d) decision vectors
     objectives: FloatArray  # (n, m), minimised
@@ -53,7 +53,7 @@ class Solutions:
 
     @classmethod
     def none(cls, n_variables: int, n_objectives: int, n_constraints: int) -> "Solutions":
-        """No rows, of these widths."""
+        """No rows, with these widths."""
         return cls(np.empty((0, n_variables)), np.empty((0, n_objectives)), np.empty((0, n_constraints)))
 
     @cached_property
@@ -78,10 +78,10 @@ class Solutions:
 
 @dataclass(frozen=True, eq=False)
 class ParetoSet(Solutions):
-    """The best that was found."""
+    """The best solutions found."""
 
-    # True when every row keeps every constraint. False when no feasible point is known: then the rows are the ones with the
-    # smallest total violation, and non-dominated among themselves.
+    # True if every row keeps every constraint. False without a known feasible point: the rows then have the smallest total
+    # violation and do not dominate each other.
     feasible: bool
 
 
@@ -157,7 +157,7 @@ class Archive:
         return Archive(merged.rows(least_crowded(merged.objectives, self.capacity)), self.capacity)
 
     def non_dominated_with(self, evaluated: Solutions) -> Solutions:
-        """The archive after new rows if it had room for all: none dominated, none repeated."""
+        """The archive after new rows, without a limit of capacity: none dominated, none repeated."""
         merged = self.solutions.followed_by(evaluated)
         merged = merged.rows(non_dominated_mask(merged.objectives, merged.total_violation))
         return merged.rows(first_occurrences(np.hstack([merged.objectives, merged.x])))
@@ -187,7 +187,7 @@ class Box:
 
     @classmethod
     def checked(cls, lower: npt.ArrayLike, upper: npt.ArrayLike) -> "Box":
-        """A box from what a caller gave.
+        """A box from the caller's arrays.
 
         Raises:
             OptimizerError: The bounds are empty, of different length, not finite, or inverted.
@@ -214,7 +214,7 @@ class Box:
         return bool(((x >= self.lower) & (x <= self.upper)).all())
 
     def clipped(self, x: FloatArray) -> FloatArray:
-        """``x`` ``(n, d)`` with every coordinate that left the box put on the bound it crossed."""
+        """``x`` ``(n, d)`` with every coordinate outside the box moved to the bound that it crossed."""
         return np.clip(x, self.lower, self.upper)
 
     def scaled(self, unit: FloatArray) -> FloatArray:
@@ -228,7 +228,7 @@ class Box:
     def latin_hypercube(self, n: int, rng: np.random.Generator) -> FloatArray:
         """``(n, d)`` samples, exactly one in each of the n equal slices of every variable (McKay et al. 1979).
 
-        Bit by bit those of ``scipy.stats.qmc.LatinHypercube``, whose import takes as long as a small plan.
+        Identical to ``scipy.stats.qmc.LatinHypercube``, whose import takes as long as a small plan.
         """
         own = np.random.default_rng(int(rng.integers(2**63))).spawn(1)[0]
         within = own.uniform(size=(n, self.n_variables))
@@ -313,7 +313,7 @@ class AskTellOptimizer(AskAndTell, ABC):
         return self._archive.with_evaluated(evaluated)
 
     def _learn(self, evaluated: Solutions) -> None:
-        """Take in the values of the candidates proposed last; the archive has them already."""
+        """Receive the values of the candidates proposed last, which the archive already has."""
 
     def _memory(self) -> dict[str, npt.NDArray[Any]]:
         """State of the algorithm between rounds; empty without state."""
@@ -321,7 +321,7 @@ class AskTellOptimizer(AskAndTell, ABC):
         return alive | {name: getattr(self, f"_{name}") for name in self.remembered if hasattr(self, f"_{name}")}
 
     def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
-        """Take up what ``_memory`` gave, unless that was empty."""
+        """Restore the state from ``_memory``, unless that was empty."""
         if "x" in memory:
             self._alive = Solutions(memory.pop("x"), memory.pop("objectives"), memory.pop("violations"))
         for name, values in memory.items():
@@ -380,11 +380,11 @@ class AskTellOptimizer(AskAndTell, ABC):
         return self._archive.pareto_set()
 
     def interim_set(self) -> ParetoSet:
-        """Set to show between rounds: the `pareto_set`, or, where that takes long to choose, something close to it."""
+        """Set to show between rounds: the `pareto_set`, or a similar set if choosing it is slow."""
         return self.pareto_set()
 
     def state_dict(self) -> State:
-        """All that is needed to go on later, random streams included: dicts, numbers, strings and copied arrays."""
+        """Everything needed to continue later, including random streams: dicts, numbers, strings and copied arrays."""
         return {
             "algorithm": type(self).__name__,
             "settings": {
@@ -406,7 +406,7 @@ class AskTellOptimizer(AskAndTell, ABC):
 
     @classmethod
     def from_state(cls, state: State) -> Self:
-        """The optimizer that ``state_dict`` described; it continues exactly as the saved one would have.
+        """The optimizer that ``state_dict`` described; it continues exactly like the saved one.
 
         Raises:
             OptimizerError: The state belongs to another algorithm.

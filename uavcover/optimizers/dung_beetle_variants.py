@@ -1,14 +1,14 @@
-"""Relatives of IMODBO: DBO for one objective, from which it comes, and variants that lack or add a part.
+"""Relatives of IMODBO: DBO for one objective, its origin, and variants that lack or add a part.
 
 Equations of DBO are numbered as in Xue and Shen, "Dung beetle optimizer: a new meta-heuristic algorithm for global optimization",
-The Journal of Supercomputing 79, 2023. The moves are the ones that MODBO uses, so each line names both numbers.
+The Journal of Supercomputing 79, 2023. MODBO uses the same moves, so each line names both numbers.
 
-Variants show what each part is worth. IMODBO's three improvements are added to MODBO alone, or taken from IMODBO alone: the
-Latin hypercube (Eq. 19), the dynamic k and b (Eq. 20, 21), the sine-cosine disturbance (Eq. 22, 23).
+Variants show the effect of each part. IMODBO's three improvements are added to MODBO one at a time, or removed from IMODBO one at
+a time: the Latin hypercube (Eq. 19), the dynamic k and b (Eq. 20, 21), the sine-cosine disturbance (Eq. 22, 23).
 
-``OwnBest`` variants have the survival of the single-objective DBO: each beetle keeps the best place it has been at. The paper
-does not say who survives. Our frame lets parents and offspring compete by front and crowding; these variants are the other
-reading, kept to compare with (docs/explanation/fidelity.md).
+``OwnBest`` variants have the survival of the single-objective DBO: each beetle keeps its best position. The paper does not
+specify the survival. In our frame, parents and offspring compete by front and crowding; these variants are the other
+interpretation, for comparison (docs/explanation/fidelity.md).
 """
 
 from typing import ClassVar
@@ -45,7 +45,7 @@ class DBO(MODBO):
     theft_constant: ClassVar[float] = 0.5  # S
     remembered: ClassVar[tuple[str, ...]] = ("previous", "current_best", "current_worst")
 
-    _alive: Solutions  # the best place of each beetle; _previous is where that was one round earlier, x(t-1)
+    _alive: Solutions  # the best position of each beetle; _previous is the one of the round before, x(t-1)
     _current_best: FloatArray  # (d,): X*, of the last evaluated round
     _current_worst: FloatArray  # (d,): X^w, of the last evaluated round
 
@@ -105,9 +105,9 @@ class ImodboMinusSineCosine(ModboPlusLatinHypercube, ModboPlusDynamicParameters)
 
 
 class ModboOwnBest(MODBO):
-    """MODBO whose beetles keep their own best place.
+    """MODBO whose beetles keep their own best position.
 
-    A beetle goes to where it was sent only if that dominates where it is, by the feasibility rules.
+    A beetle moves to its new position only if that dominates the current one, by the feasibility rules.
     """
 
     def _learn(self, evaluated: Solutions) -> None:
@@ -136,4 +136,4 @@ def _dominate(these: Solutions, others: Solutions) -> BoolArray:
 
 
 class ImodboOwnBest(ModboOwnBest, IMODBO):
-    """IMODBO whose beetles keep their own best place."""
+    """IMODBO whose beetles keep their own best position."""

@@ -1,11 +1,11 @@
 """The paper's method: MODBO, and IMODBO, the improved multi-objective dung beetle optimizer.
 
-Both share one frame: four groups, one archive, survival of the better ones. The paper gives the moves but not the
-multi-objective frame around them. What is filled in here is written down, with the reasons, in docs/explanation/imodbo.md.
+Both share one frame: four groups, one archive, survival of the better ones. The paper gives the moves but not the multi-objective
+frame around them. docs/explanation/imodbo.md documents our choices and their reasons.
 
-Moves are equations 9-18 and 20-23 of the paper, one function per group of equations. Rows are beetles: ``(g, d)``, g = beetles
-of the group, d = variables. Results may lie outside the search space. Functions that need random numbers draw them from ``rng``
-in the order their docstring gives. Equation 19, the Latin hypercube, is `Box.latin_hypercube`.
+Moves are equations 9-18 and 20-23 of the paper, one function per group of equations. Rows are beetles: ``(g, d)``, g = beetles of
+the group, d = variables. Results may be outside the search space. Functions that need random numbers draw them from ``rng`` in
+the order that their docstring gives. Equation 19, the Latin hypercube, is `Box.latin_hypercube`.
 """
 
 from dataclasses import dataclass
@@ -229,9 +229,8 @@ def group_sizes(population_size: int) -> IntArray:
 class MODBO(AskTellOptimizer):
     """Rollers, breeders, small beetles and thieves; arguments as `AskTellOptimizer`.
 
-    Every round each beetle moves once, by the equations of the group it is drawn into; parents and offspring together
-    are reduced to the population size by non-dominated sort and crowding. The first population is uniform, k and b are
-    fixed (Table 2).
+    Every round each beetle moves once, by the equations of the group it is drawn into; parents and offspring together are reduced
+    to the population size by non-dominated sort and crowding. The first population is uniform, k and b are fixed (Table 2).
     """
 
     smallest_population: ClassVar[int] = 4  # one beetle in each group

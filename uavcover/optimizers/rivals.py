@@ -386,7 +386,7 @@ class MOWOA(AskTellOptimizer):
 
 
 class RandomSearch(AskTellOptimizer):
-    """Independent uniform samples in every round, the floor that every other algorithm has to stand above.
+    """Independent uniform samples in every round, a baseline that every other algorithm must beat.
 
     See `AskTellOptimizer` for the arguments.
     """

@@ -1,8 +1,7 @@
-"""The one table of how a search's budget is divided, and what each stage used of it.
+"""The table that divides a search's budget, and the log of the time that each stage used.
 
-A budget is a time, or a number of evaluations. Every share stands here with what it is a share of; the numbers were set by
-trials on the bundled scenarios and on those of ``scripts/bench/kinds.py``. ``uavcover plan -v`` prints what each stage was
-allotted and used.
+A budget is a time or a number of evaluations. The shares were tuned on the bundled scenarios and on those of
+``scripts/bench/kinds.py``. ``uavcover plan -v`` prints the allotted and the used time of each stage.
 """
 
 import logging
@@ -18,47 +17,46 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shares:
-    """Shares of the whole budget, by stage; those of the two searches, of the search's own budget.
+    """Fractions of the whole budget, by stage; for stages of a search, fractions of that search's budget.
 
     Attributes:
-        baselines: initial solutions, at most, where an optimizer follows alone; ...
-        baselines_before_lines: ... where other lines and a local search follow; lines that are left then come after the search.
+        baselines: upper limit for initial solutions if only an optimizer follows; ...
+        baselines_before_lines: ... if other lines and a local search follow; the remaining lines then come after the search.
         cut_lines: lines cut at holes and no-fly zones, after these.
-        optimizer: of a memetic search, before the local search; the other algorithms are one of the two alone.
-        bent_lines: lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres all of them take
-            6 s of processor time, which a search of 10 s had to wait for.
-        late_lines: the lines that were left before the search.
-        mended: after this share no more routes that break limits are mended for the local search.
-        judging: set aside for judging what was found, at most; ...
-        judging_of_fewest: ... for large areas: what judging so few routes takes, up to this.
-        judging_baselines: judging more baselines than the first two.
+        optimizer: of a memetic search, before the local search. The other algorithms use only one of the two.
+        bent_lines: bent lines and lines with few waypoints, the best first. On 25 square kilometres they take 6 s of processor
+            time, too long for a search of 10 s.
+        late_lines: the lines that remained before the search.
+        mended: after this fraction, infeasible routes are no longer repaired for the local search.
+        judging: upper limit for evaluating the routes found on the evaluation grid; ...
+        judging_of_fewest: ... the same for large areas, enough for the fewest routes.
+        judging_baselines: evaluating baselines after the first two.
         order: another order of the legs of several sorties.
         sizes: sorties and makespan of the routes that are not chosen.
-        fleet_parts: searches of the parts of a fleet's area: of all parts, of all after their borders were moved, and of the
-            slowest parts once more.
-        fleet_whole: one route for all vehicles of a fleet, where the parts give none.
-        late_bounds: after the budget, in which bounds that take no solver may end.
-        simplified_until: after this number of budgets no more waypoints are removed: a little late, most routes need a moment.
+        fleet_parts: searches of the parts of a fleet's area: all parts, all parts with adjusted borders, the slowest parts again.
+        fleet_whole: one route for the whole fleet if the parts give none.
+        late_bounds: time after the budget for bounds that need no solver.
+        simplified_until: multiple of the budget after which no more waypoints are removed. Most routes need a moment longer.
         parts: searches of the parts of a large area; the rest is for dividing, joining and judging.
-        part_rounds: of these: each part by itself; then along the seams, where in turn the lower number of two neighbours
-            keeps what both see, and the higher one.
-        goal_main: of the local search, for the required coverage; the rest goes to the ladder of others.
-        goal_main_stages: shares of that after which the goal is corrected by what judging cells see; after the first one both
-            chains take the better route.
-        goal_stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
-        goal_closing: a search that ends a little short of its goal goes on from its route with the gaps closed, ...
-        goal_closing_far: ... and one that ends far from it: there nothing else leads to it.
-        goal_coarse: of a search for nearly all of the ground, before the finest cells are searched.
-        goal_waypoints: for searches for fewer waypoints, ...
+        part_rounds: of these: first each part alone, then the seams; in turn, the lower and the higher numbered of two neighbours
+            keeps the ground that both observe.
+        goal_main: of the local search, for the required coverage; the other coverage values share the rest.
+        goal_main_stages: ends of its stages. Each stage corrects the goal on the evaluation grid; after the first, both chains
+            continue from the better route.
+        goal_stages: the same for another coverage value, and for a route whose gaps were closed.
+        goal_closing: closing the gaps and searching again if a search ends slightly short of its goal; ...
+        goal_closing_far: ... and if it ends far from it.
+        goal_coarse: of a search for nearly all of the ground, before the finest cells.
+        goal_waypoints: searches for fewer waypoints; ...
         goal_waypoint_stages: ... and the stages of each.
-        free_tours: of a search in any order, for shortest tours, once something sees as much as they are to see; ...
-        free_tours_asked: ... and where the rule asks for a coverage: what sees that is chosen by its cost.
-        free_tours_of_discs: first, where the rule asks for all and the sensor is a disc: for tours that both chains rebuild, ...
-        free_rebuilt_stages: ... and shares of that after which both chains take the better tour.
-        free_quench: cold, on what there is, first: a search that is stopped early has that.
-        free_spread, free_squeeze: of what is left for numbers of waypoints, after which these parts end; the rest is the sweep.
-        free_long_spread, free_first_squeeze, free_late_tours: the same while nothing sees enough.
-        free_attempt: of a squeeze, for one number of waypoints at a time.
+        free_tours: of a search in any order, for shortest tours once a route reaches the target coverage; ...
+        free_tours_asked: ... the same if the selection rule requires a coverage and chooses by cost; ...
+        free_tours_of_discs: ... the same if it requires full coverage and the sensor is a disc: both chains rebuild tours.
+        free_rebuilt_stages: ends of the stages of the latter; after each, both chains take the better tour.
+        free_quench: first, a cold search from the initial solutions, so that a search that is stopped early has a result.
+        free_spread, free_squeeze: ends of these parts in the search for few waypoints; the rest is the sweep.
+        free_long_spread, free_first_squeeze, free_late_tours: the same while no route reaches the coverage.
+        free_attempt: of a squeeze, for one number of waypoints.
     """
 
     baselines: float = 0.5
@@ -105,15 +103,15 @@ SHARES: Final = Shares()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandTime:
-    """The time of a whole command, from its first line to its last one."""
+    """The time budget of a whole command."""
 
     begun_s: float  # when it began, by ``now``
-    budget_s: float | None = None  # how long it may take; none: as long as the search takes for its evaluations
+    budget_s: float | None = None  # how long it may take; None: as long as the search takes for its evaluations
     now: Callable[[], float] = time.monotonic  # the clock
     should_stop: Callable[[], bool] = lambda: False  # whether the user wants the best there is
 
     def left_s(self, *, share: float = 1.0) -> float:
-        """Time left of a share of the budget, 0 at least; infinite without a budget."""
+        """Time left of a fraction of the budget, 0 at least; infinite without a budget."""
         if self.should_stop():
             return 0.0
         if self.budget_s is None:
@@ -122,11 +120,11 @@ class CommandTime:
 
 
 class StageTimes:
-    """Logs what each stage was allotted and used.
+    """Logs the allotted and the used time of each stage.
 
     Args:
         now: the clock of the budget.
-        budget_s: the whole budget; none: it is counted in evaluations, and no stage has a time of its own.
+        budget_s: the whole budget; None: the budget is a number of evaluations, and no stage has a time.
     """
 
     def __init__(self, now: Callable[[], float], budget_s: float | None) -> None:
@@ -134,7 +132,7 @@ class StageTimes:
 
     @contextmanager
     def stage(self, name: str, share: float | None = None) -> Iterator[None]:
-        """A stage, with its share of the budget where it has one."""
+        """A stage, with its fraction of the budget where it has one."""
         begin = self._now()
         try:
             yield

@@ -1,4 +1,4 @@
-"""Finding and closing the gaps of a run, as ``gaps`` does it."""
+"""Find and close the gaps of a run (``gaps``)."""
 
 import math
 import time
@@ -49,25 +49,25 @@ class GapStart(StrEnum):
 class GapRequest:
     """Request of a gap mission."""
 
-    logs: Sequence[Path] = ()  # of the flight; none are those that its verdict judged
-    target: float | None = None  # share of what can be seen that is enough; none is everything
+    logs: Sequence[Path] = ()  # of the flight; empty: those that its verdict judged
+    target: float | None = None  # required fraction of the visible ground; None: all of it
     min_area_m2: float = 0.0  # smaller gaps stay open
     start: GapStart = GapStart.HOME  # where the mission begins
-    force: bool = False  # whether an older gap mission, and its flight, may be replaced
+    force: bool = False  # whether to replace an older gap mission and its flight
     accepted: Sequence[str] = ()  # changes since planning that are accepted
-    system: int | None = None  # the vehicle of telemetry logs that have several; none: the only one
+    system: int | None = None  # the vehicle of telemetry logs that have several; None: the only one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GapMission:
-    """A mission that sees what a flight has missed."""
+    """A mission that observes what a flight has missed."""
 
-    closing: ClosingRoute  # the route, and what it sees of the gaps
+    closing: ClosingRoute  # the route, and what it observes of the gaps
     compiled: CompiledMission  # the mission, from take-off at home to landing there
-    # the same route for a vehicle in the air, from where it is; none when that was not asked for
+    # the same route from the current position of a vehicle in the air; None without such a vehicle
     continuation: CompiledMission | None
     plan: Plan  # the same as a plan of its own, for its run folder
-    coverage_after: float  # share of the coverable area that is seen after it, together with the flight
+    coverage_after: float  # fraction of the visible ground that is observed after it, together with the flight
 
     @property
     def wanted(self) -> CompiledMission:
@@ -78,12 +78,12 @@ class GapMission:
 def close_gaps(
     run: RunFolder, user: User, request: GapRequest, *, command: Sequence[str]
 ) -> tuple[GapMission | None, dict[str, Any]]:
-    """Write the gaps of a run and the mission that closes them, and say what it takes.
+    """Write the gaps of a run and a mission that closes them, and print a summary.
 
-    Without logs it takes what the verdict in the folder took.
+    Without logs, use the logs that the verdict in the folder judged.
 
     Returns:
-        The mission, none when there is nothing to close; and the answer for ``--json``.
+        The mission, None if there is nothing to close; and the answer for ``--json``.
     """
     target, min_area_m2, start = request.target, request.min_area_m2, request.start
     check_gap_request(min_area_m2=min_area_m2, target=target)
@@ -177,7 +177,7 @@ def _say_gaps(user: User, report: VerificationReport) -> None:
 
 
 def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
-    """Refuse what cannot be asked of a gap mission.
+    """Check the arguments of a gap mission.
 
     Raises:
         InputError: an area below 0, or a target outside 0..1.
@@ -192,8 +192,8 @@ def plan_gap_mission(
     site: Site,  # the scenario on its ground; of vehicles with sensors of their own, the site of the one that flies it
     verdict: Verdict,  # on what was flown
     *,
-    min_area_m2: float = 0.0,  # smaller gaps are left open
-    target: float | None = None,  # share of the coverable area that is enough, 0..1; default: everything
+    min_area_m2: float = 0.0,  # smaller gaps remain open
+    target: float | None = None,  # fraction of the visible ground that is enough, 0..1; default: everything
     # of a vehicle that has not landed: the mission begins at the last sample; default: take-off at home
     in_the_air: Track | None = None,
 ) -> GapMission:
@@ -280,7 +280,7 @@ def save_gap_mission(
     """Write ``gap_mission.waypoints``, and a run folder inside this one that can be uploaded and flown from home.
 
     Raises:
-        OutputError: there is such a folder already and ``force`` was not said.
+        OutputError: the folder already exists and ``force`` is not set.
     """
     folder = RunFolder(run.file(GAP_FOLDER))
     autopilot = site.scenario.vehicle.autopilot

@@ -1,4 +1,4 @@
-"""Planning into a run folder, and choosing another route of its Pareto set."""
+"""Plan into a run folder, and select another route of its Pareto set."""
 
 import dataclasses
 import shutil
@@ -59,15 +59,12 @@ _FIRST_STOP = "stopping: evaluating and writing the best route so far; press Ctr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanRequest(SearchRequest):
-    """Request of a plan: scenario, folder and settings.
-
-    None is taken from the scenario.
-    """
+    """Request of a plan: scenario, folder and settings. None: the scenario's value."""
 
     scenario: str | Site  # a file, the name of a bundled one, or a site
     folder: Path  # the run folder
     command: Sequence[str]  # the command line, for ``run.json``
-    force: bool  # whether a plan that is there may be replaced, with all that belongs to it
+    force: bool  # whether to replace an existing plan with all its files
     bounds_s: float | None = None  # time for proving bounds, after the search
     waypoint_price: float | None = None  # cost of every waypoint, in metres of path or in seconds, as the objective is
     vehicles: int | None = None  # how many fly at the same time
@@ -80,19 +77,19 @@ class PlanOutcome:
 
     site: Site  # the scenario on its ground
     plan: Plan  # the Pareto set and the choice
-    # the mission, none for a scenario that has no position on Earth, and none when it is flown as several sorties
+    # the mission; None without a position on Earth, and for several sorties
     compiled: CompiledMission | None
     sorties: tuple[Sortie, ...]  # the flights when there are several
     document: dict[str, Any]  # the answer for ``--json``
-    exit_code: int  # 0, 1 when the rule, or the overlap required, was not met, 130 when the user ended the search
+    exit_code: int  # 0; 1: rule or overlap not met; 130: stopped by the user
 
 
 def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], object]) -> PlanOutcome:
-    """Plan a scenario into a run folder, saying what happens; ``check_site`` may refuse the site by raising.
+    """Plan a scenario into a run folder and print the progress; ``check_site`` can raise to refuse the site.
 
     Raises:
-        InfeasibleError: no route keeps the limits, or the chosen one has no checked mission; in the second case the plan
-            is written all the same, without mission files.
+        InfeasibleError: no route keeps the limits, or the chosen route has no checked mission. In the second case, the plan is
+            written without mission files.
     """
     if request.select is not None:
         parse_rule(request.select)
@@ -197,9 +194,9 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
 
 @contextmanager
 def _prepared(site: Site, rule: Rule) -> Iterator[None]:
-    """Make the cells that every route is judged on, and refuse an area that no flight reaches.
+    """Prepare the evaluation grid, and refuse an area that no flight reaches.
 
-    Before this, Ctrl-C ends the command with nothing written; from here on a search that is stopped has a route to write.
+    Before this, Ctrl-C ends the command without output. After it, a search that is stopped has a route to write.
 
     Raises:
         InfeasibleError: the required coverage is out of reach.
@@ -213,10 +210,10 @@ def _prepared(site: Site, rule: Rule) -> Iterator[None]:
 
 
 def _check_heights(site: Site, user: User) -> None:
-    """Ask about elevation data that does not look like ground where flights may go.
+    """Ask about suspicious elevation data where flights may go.
 
     Raises:
-        InputError: there is some, and the user did not confirm it.
+        InputError: the data is suspicious, and the user did not confirm it.
     """
     terrain = site.scenario.terrain
     if isinstance(terrain, RasterTerrain) and site.frame is not None:
@@ -231,7 +228,7 @@ def _objective_in_words(site: Site) -> str | None:
 
 
 def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str | None:
-    """Shortfall of the planned photos against the overlap that is required of the flown ones; None where they keep it."""
+    """Shortfall of the planned photos below the required overlap; None without a shortfall."""
     if site.scenario.requirements.min_overlap_fraction is None:
         return None
     routes = [sortie.route.waypoints_m for sortie in sorties] or [route.waypoints_m]
@@ -241,7 +238,7 @@ def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str 
 def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: Path) -> tuple[Plan, Site]:
     unit = {"length": "m", "energy": "s of hovering"}.get(site.scenario.objective, "s")
     bar.update(0, note="baselines first")
-    # Of a large area it takes long to know, and here it is only reported while the search goes on.
+    # Slow for a large area, and here it is only reported during the search.
     least_m = None if is_large(site) else least_length_m(site, request.select or site.scenario.select)
 
     started, budget_s, furthest = time.monotonic(), request.budget_s, 0.0
@@ -260,9 +257,9 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
 
 
 def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:
-    """The requested bounds; by default the quick ones, and under a time budget only those without a solver, if it has room.
+    """The requested bounds. By default the quick ones; under a time budget those without a solver, if time remains.
 
-    For a large area nothing is quick: the bound on its path looks at all of its cells, in this process alone.
+    Large areas have no quick bounds: the bound on the path examines all cells in this process alone.
     """
     if result.interrupted or (request.bounds_s is None and is_large(site)):
         return bounds(site)
@@ -320,15 +317,15 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
 def choose(
     run: RunFolder, site: Site, rule_text: str, *, autopilot: AutopilotName, command: Sequence[str]
 ) -> tuple[Plan, tuple[Sortie, ...], RunFolder | None]:
-    """Choose another member by a rule, and write ``plan.json``, ``pareto.csv`` and the mission files for it.
+    """Select another member by a rule, and write ``plan.json``, ``pareto.csv`` and its mission files.
 
-    Files of the previous route are removed too; one that was flown is kept in a folder of its own.
+    Remove the files of the previous route. Keep a route that was flown in its own folder.
 
     Returns:
-        The plan, its flights (none for a scenario that has no position on Earth), and where the route before is kept.
+        The plan, its flights (None for a scenario without a position on Earth), and the folder of the previous route.
 
     Raises:
-        InputError: the rule is none, or a file of the run is missing or broken.
+        InputError: the rule is invalid, or a file of the run is missing or broken.
         InfeasibleError: the route has no checked mission; nothing is written.
     """
     rule = parse_rule(rule_text)

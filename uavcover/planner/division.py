@@ -1,9 +1,9 @@
 """Division of an area into parts of equal work, each with a short flight from home.
 
-One straight cut after the other: a piece that is to become n parts is cut into two, of n / 2 parts each, so that each side has
-its share of the work. Of cuts in twelve directions, and of those that pass through home, the one is taken that costs least: its
-own length, because lines turn or overlap along it, and the ways from home to both sides and back. Around home cuts become
-rays: every part begins there, and the way to it is short. Far from home, or without one, parts become compact.
+Straight cuts divide the area: a piece for n parts is cut into two pieces for n / 2 parts each, in proportion to the work. Cuts in
+twelve directions and cuts through home are compared by cost: the length of the cut, because lines turn or overlap along it, and
+the transit to both sides. Around home, cuts become rays, so every part begins near home. Far from home, or without one, parts
+become compact.
 """
 
 import math
@@ -21,7 +21,7 @@ from uavcover.scenario.vehicles import Piece, polygons_of
 _DIRECTIONS = 12
 _BISECTIONS = 14
 _CUT_PRICE = 1.0
-"""Metres of flight for a metre of cut: half a swath that is seen twice along it, or two turns a swath across it."""
+"""Metres of flight for a metre of cut: half a swath that is observed twice along it, or two turns a swath across it."""
 _WEDGES = 4
 """This number of wedges around home is tried where a piece lies all around it."""
 
@@ -30,11 +30,11 @@ _WEDGES = 4
 class FlightWork:
     """Flight work of a part."""
 
-    swath_m: float  # width of ground that one line sees
-    home_en: tuple[float, float] | None = None  # (east, north) of the take-off position, none without one
+    swath_m: float  # width of ground that one line observes
+    home_en: tuple[float, float] | None = None  # (east, north) of the take-off position, None without one
 
     def way_m(self, piece: Piece) -> float:
-        """Distance from home to a piece and back, to where it is as wide as a swath. 0 without a home."""
+        """Length of the transit between home and a piece, up to where the piece is as wide as a swath. 0 without a home."""
         if self.home_en is None:
             return 0.0
         room = piece.buffer(-0.5 * self.swath_m)
@@ -58,16 +58,16 @@ def flight_work(site: Site) -> FlightWork:
 
 
 def divide(area: Piece, count: int, work: FlightWork, shares: Sequence[float] | None = None) -> list[Piece]:
-    """Divide an area into parts of about equal work, or of work in given proportions.
+    """Divide an area into parts of equal work, or of work in given proportions.
 
     Args:
-        area: east, north metres; holes and several polygons may be.
-        count: of parts, 1 at least.
-        work: what flights cost.
+        area: east, north metres; may have holes and several polygons.
+        count: number of parts, at least 1.
+        work: cost of flights.
         shares: (count,) of the work, in any unit, above 0; default: equal ones.
 
     Returns:
-        (count,) parts that touch and do not overlap, and are together the area; in the order of the cuts.
+        (count,) parts that cover the area without overlap, in the order of the cuts.
     """
     if count == 1:
         return [area]
@@ -89,7 +89,7 @@ def divide(area: Piece, count: int, work: FlightWork, shares: Sequence[float] | 
 def _cuts(
     piece: Piece, first: int, second: int, work: FlightWork, wanted: tuple[float, float]
 ) -> Iterator[tuple[Piece, Piece, float]]:
-    """Both sides of every cut that is tried, and its length inside the piece."""
+    """Both sides of each candidate cut, and its length inside the piece."""
     west, south, east, north = piece.bounds
     middle = np.array([0.5 * (west + east), 0.5 * (south + north)])
     reach_m = math.hypot(east - west, north - south) + 1.0
@@ -122,7 +122,7 @@ def _cuts(
 
 
 def _begin_rad(piece: Piece, home: FloatArray) -> float:
-    """First direction of a ray that turns around home: in the widest gap between corners, or at the first corner."""
+    """First direction of a ray around home: in the widest gap between corners, or at the first corner."""
     corners = shapely.get_coordinates(piece) - home
     corners = corners[np.hypot(*corners.T) > 1e-6]
     angles = np.sort(np.arctan2(corners[:, 1], corners[:, 0]))
@@ -147,7 +147,7 @@ def _balanced(
     wanted: tuple[float, float],
     side: Callable[[float], shapely.Geometry],
 ) -> tuple[Piece, Piece, float]:
-    """The cut that gives both sides their share of the work."""
+    """The cut that divides the work in proportion."""
     low, high = 0.0, 1.0
     for _ in range(_BISECTIONS):
         share = 0.5 * (low + high)

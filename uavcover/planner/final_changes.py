@@ -1,7 +1,7 @@
 """Final changes of a route: fewer waypoints, corners that keep the limits as flown, robust photos.
 
-Waypoints that it can do without go. One lies as much lower or higher as its corner leaves the band of heights, moves outward by
-as much as it is passed inside of it, and moves by centimetres where a distance-triggered photo may be missed.
+Remove waypoints that are not needed. Raise or lower a waypoint if its corner leaves the height band. Move a waypoint outwards
+if the vehicle cuts its corner, and by centimetres if a distance-triggered photo may be missed.
 """
 
 import math
@@ -28,7 +28,7 @@ from uavcover.sensing.flown_line import corners_flown, corners_matter, line_flow
 from uavcover.sensing.sensors import trigger_distance_m
 
 _SPARE_SHARES = (0.0, 0.001, 0.004, 0.016, 0.063, 0.25, 1.0)
-"""Share of the spare coverage that one waypoint may cost, sweep by sweep. Waypoints that cost nothing go first."""
+"""Fraction of the spare coverage that one waypoint may cost, sweep by sweep. Waypoints that cost nothing go first."""
 
 _ATTEMPTS = 5
 """Each keeps twice as much more coverage as the one before it lacked on the exact count, or on finer cells."""
@@ -37,17 +37,18 @@ _ROUNDING = 1e-12
 
 
 def simplified(
-    # the cells that routes are judged on, and finer ones, where as much must be seen too
+    # the evaluation grid, and finer cells that must be observed as well
     judges: Sequence[CoverageMap],
     route: Route,  # keeps the limits
     *,
-    asked: float | None,  # share of what can be covered that the selection rule asks for, if it does
-    # whether there is no time left: asked between attempts and between sweeps. The first sweep is made all the same.
+    asked: float | None,  # required coverage of the visible ground, if any
+    # whether the time is over: called between attempts and between sweeps. The first sweep is made all the same.
     is_over: Callable[[], bool] = lambda: False,
 ) -> Route | None:
-    """A route without the waypoints whose removal keeps limits, cost and coverage, counted exactly; none when it needs them all.
+    """A route without the waypoints that limits, cost and coverage do not need; None if it needs all.
 
-    Coverage beyond ``asked`` may go, but for the margin that the search keeps to it; without ``asked``, or below it, none may.
+    Coverage is counted exactly. Coverage beyond ``asked`` may decrease, except for the margin that the search keeps. Without
+    ``asked``, or below it, coverage may not decrease.
     """
     before = [_seen(each, route) for each in judges]
     least = [least_seen(seen, asked, finer=number > 0) for number, seen in enumerate(before)]
@@ -75,7 +76,7 @@ def simplified(
 
 
 def _sweep(problem: RouteProblem, state: RouteState, slack: float, is_over: Callable[[], bool] = lambda: False) -> None:
-    """Take out and merge waypoints until none can go or time is over, losing no more coverage than ``slack``."""
+    """Remove and merge waypoints until none can go or the time is over; lose no more coverage than ``slack``."""
     fewest = 1 if problem.numbers.limits.legs == 0 else 2
     least = float(state.seen[0]) - slack - _ROUNDING
     for share in _SPARE_SHARES:
@@ -93,12 +94,12 @@ def _seen(judge: CoverageMap, route: Route) -> float:
 
 
 def least_seen(seen: float, asked: float | None, *, finer: bool) -> float:
-    """Least coverage of a changed route, as a share of the visible ground.
+    """Least coverage of a changed route, as a fraction of the visible ground.
 
     Args:
         seen: by the route as it is.
-        asked: by the selection rule, if it does.
-        finer: whether it is not the cells that routes are judged on, but finer ones.
+        asked: required coverage, if any.
+        finer: whether the cells are finer than the evaluation grid.
     """
     if finer:
         return asked if asked is not None and seen >= asked else seen - SAFETY
@@ -113,7 +114,7 @@ def _problem(judging: CoverageMap) -> RouteProblem:
 
 
 _CUT_SHARES = (1.0, 1.5, 2.0, 3.0, 0.5, -1.0, -2.0)
-"""Shares of the corner cut by which a waypoint moves.
+"""Fractions of the corner cut by which a waypoint moves.
 
 First outward, so that the vehicle passes the original waypoint; at last inward, where the ground outside is worse.
 """
@@ -129,13 +130,11 @@ _MOST_SWEEPS = 4
 
 
 def with_sound_corners(site: Site, route: Route) -> Route:
-    """The route, or one whose corners break no limit or break them by less.
-
-    Its legs break them by no more.
+    """The route, or one whose corners exceed no limit or exceed them by less. Its legs exceed them no more.
 
     Args:
         site: the scenario on its ground.
-        route: keeps the limits in its legs.
+        route: its legs keep the limits.
     """
     points = np.array(route.waypoints_m)
     excess_m = corner_excess_m(site, points)
@@ -154,9 +153,9 @@ def with_sound_corners(site: Site, route: Route) -> Route:
 
 
 def _into_band(site: Site, points_m: FloatArray) -> FloatArray:
-    """The (n, 3) points, those at corners that leave the height band as much lower or higher, all at once.
+    """The (n, 3) points, with all corners that leave the height band moved into it at once.
 
-    Over slopes that costs next to no coverage, and on a long route most corners are mended by it.
+    On slopes this costs almost no coverage, and it repairs most corners of a long route.
     """
     broken, least_m = _broken(site, points_m), float(corner_excess_m(site, points_m).sum())
     for _ in range(_MOST_SWEEPS):
@@ -171,7 +170,7 @@ def _into_band(site: Site, points_m: FloatArray) -> FloatArray:
 
 
 def _moved(site: Site, points_m: FloatArray, number: int) -> FloatArray:
-    """The (n, 3) points with one moved, so that the corners break limits by the least, the legs by no more."""
+    """The (n, 3) points with one moved so that corners exceed limits least and legs no more than before."""
     begin = max(number - 1, 0)
     beside_m = points_m[begin : number + 2]
     places_m = corners_flown(site, beside_m)
@@ -206,7 +205,7 @@ _MOST_TRIES = 40
 
 
 def surely(site: Site, route: Route) -> Route:
-    """The route, or in its place the one with sure photos where that keeps the limits as it does."""
+    """The route, or the same route with sure photos if that keeps the limits equally well."""
     other = with_sure_pictures(site, route)
     if other is None:
         return route
@@ -218,11 +217,9 @@ def surely(site: Site, route: Route) -> Route:
 
 
 def with_sure_pictures(site: Site, route: Route) -> Route | None:
-    """A route with the photos of the given one, all of them sure.
+    """A route with the same photos, all of them sure; None if they already are, or cannot be.
 
-    None where they are already, or cannot be made so.
-
-    A waypoint keeps its height above ground. Limits and coverage are for the caller to judge.
+    A waypoint keeps its height above ground. The caller checks limits and coverage.
     """
     points = np.array(route.waypoints_m)
     for tries in range(_MOST_TRIES):
@@ -240,8 +237,8 @@ def with_sure_pictures(site: Site, route: Route) -> Route | None:
 
 # Photos by distance that are taken or not by less than a vehicle keeps to its line.
 #
-# Where a line turns back just where the next photo is due, a few centimetres decide. If that photo is missing, all
-# later ones come later by as much as their distance, and see other ground than was planned.
+# Where a line turns back just where the next photo is due, a few centimetres decide. If that photo is missing, all later ones
+# come later by as much as their distance, and observe other ground than was planned.
 
 LEAST_SPARE_M = 0.5
 """Below this spare a photo is unsure: in flights of the mock vehicle photos were up to 0.42 m from their planned positions."""
@@ -258,7 +255,7 @@ class UnsurePicture:
 
 
 def unsure_pictures(site: Site, route_m: FloatArray) -> Iterator[UnsurePicture]:
-    """Those along an (n, 3) ENU route as it is flown, in their order; none where corners are flown exactly."""
+    """Unsure photos along an (n, 3) ENU route as flown, in their order; None if corners are flown exactly."""
     trigger_m = trigger_distance_m(site.scenario)
     if trigger_m is None or not corners_matter(site) or len(route_m) < 2:
         return

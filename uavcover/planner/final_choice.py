@@ -1,4 +1,4 @@
-"""Choice among judged routes: without overfitting, infeasible waypoint counts, and waypoints that are not needed."""
+"""Choice among the evaluated routes, without overfitting, infeasible numbers of waypoints or unneeded waypoints."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -35,7 +35,7 @@ _MOST_UNSOUND = 20
 """This number of choices with feasible legs and infeasible corners are tried. Where all can be repaired, it is one."""
 
 _MOST_NEAR, _MOST_CLOSED, _CHEAPER = 8, 2, 0.97
-"""Gaps of this number of routes are repaired at the end, until this number succeed, at this share of the goal's cost."""
+"""Gaps of this number of routes are repaired at the end, until this number succeed, at this fraction of the goal's cost."""
 
 _DEAR = 20.0
 """Of these, the cheapest after repair come first: full coverage would cost this multiple of the route at its last rate.
@@ -50,7 +50,7 @@ class ChosenRoute:
 
     route: RouteMember  # the chosen one
     pareto: tuple[RouteMember, ...]  # the Pareto set that it is in
-    rule_met: bool  # whether it is what the rule asks for
+    rule_met: bool  # whether it meets the rule
     # routes that were made of it with fewer waypoints, or in another order, whether chosen or not
     simpler: tuple[NamedRoute, ...]
 
@@ -61,16 +61,16 @@ def choose(
     rule: Rule,  # the selection rule
     judged: Sequence[RouteMember],  # the routes
     *,
-    executor: Executor | None,  # judges routes side by side
-    interrupted: bool,  # the search was; an error says so
-    is_over: Callable[[], bool] | None,  # whether there is no time left to give up waypoints; none: they are all kept
-    # how long to search for an order in which the sorties of what is chosen take less; none: it stays
+    executor: Executor | None,  # judges routes in parallel
+    interrupted: bool,  # whether the search was interrupted, for the error message
+    is_over: Callable[[], bool] | None,  # stops the removal of waypoints; None: keep all
+    # effort of the search for an order with shorter sorties; None: keep the order
     order: OrderEffort | None = None,
 ) -> ChosenRoute:
-    """Choose by the rule among judged routes.
+    """Choose a route by the rule.
 
     Raises:
-        InfeasibleError: none of them keeps the hard limits; says which, where and by how much.
+        InfeasibleError: no route keeps the hard limits; names the limit, the position and the excess.
     """
     site = fine.site
     feasible = _feasible_with_corners_mended(fine, judged, settings, rule, executor)
@@ -103,7 +103,7 @@ def choose(
 def choose_at_once(
     fine: CoverageMap, settings: PlannerSettings, rule: Rule, judged: Sequence[RouteMember], *, interrupted: bool
 ) -> ChosenRoute:
-    """:func:`choose` without anything that takes time: no finer cells, no repair but of corners.
+    """:func:`choose` without slow steps: no finer cells, no repair except of corners.
 
     Raises:
         InfeasibleError: no route keeps the hard limits.
@@ -130,9 +130,9 @@ def _feasible_with_corners_mended(
     rule: Rule,
     executor: Executor | None,
 ) -> list[RouteMember]:
-    """Feasible members, and those that break limits in corners alone and that the rule would choose, repaired.
+    """Feasible members, and repaired ones that the rule would choose and that exceed limits in corners only.
 
-    Corners are flown inside of their waypoints, where no leg is: nearer to obstacles, and at a cliff over other ground.
+    The flown corner is inside the waypoint, away from the legs: nearer to obstacles, and at a cliff over other ground.
     """
     site = fine.site
     margin_m = site.scenario.limits.height_margin_m
@@ -155,19 +155,19 @@ def _feasible_with_corners_mended(
 
 
 def _is_few_enough(member: RouteMember, settings: PlannerSettings) -> bool:
-    """Whether a route has no more waypoints than it may have."""
+    """Whether a route has at most the permitted number of waypoints."""
     return settings.most_waypoints is None or member.metrics.waypoint_count <= settings.most_waypoints
 
 
 def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> list[RouteMember]:
-    """Those of no more waypoints than a route may have; where there are none, those with the fewest."""
+    """Members within the permitted number of waypoints; without any, those with the fewest."""
     fewest = min(member.metrics.waypoint_count for member in members)
     few = [member for member in members if _is_few_enough(member, settings)]
     return few or [member for member in members if member.metrics.waypoint_count == fewest]
 
 
 def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int) -> list[RouteMember]:
-    """The members without those that the rule would choose for luck, where there are finer cells to try them on."""
+    """The members without overfitted choices of the rule, if there are finer cells."""
     finer = finer_map(site)
     if finer is None:
         return members
@@ -179,9 +179,9 @@ def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int
 def _nearly_with_gaps_closed(
     fine: CoverageMap, members: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
 ) -> list[NamedRoute]:
-    """Repair nearly sufficient routes that cost less than the rule's choice; the others follow.
+    """Repair routes that cost less than the rule's choice and nearly reach the coverage.
 
-    A search may end a few cells short of its goal, and the next route that reaches it takes two thirds longer
+    A search may end a few cells short of its goal, and the next route that reaches it may take two thirds longer
     (tests/random_kinds.py, case 12).
     """
     chosen, asked = _chosen_so_far(members, rule), rule.required_coverage
@@ -210,9 +210,10 @@ def _fluke_with_gaps_closed(
     rule: Rule,
     is_over: Callable[[], bool],
 ) -> list[NamedRoute]:
-    """Repair the rule's choice among all members, where finer cells show too little coverage; the others follow.
+    """Repair the rule's choice among all members if finer cells show too little coverage.
 
-    The next best may cost a third more, and this one lacks next to nothing (scripts/bench/kinds.py, ``city:tilted``, seed 2).
+    The next best route may cost a third more, although this one is nearly sufficient (scripts/bench/kinds.py, ``city:tilted``,
+    seed 2).
     """
     chosen, finer, asked = _chosen_so_far(members, rule), finer_map(site), rule.required_coverage
     if chosen is None or finer is None or asked is None or chosen.metrics.coverage_of_coverable < asked:
@@ -230,7 +231,7 @@ def _closed(judging: CoverageMap, route: Route, goal: float, is_over: Callable[[
 def _simplified(
     site: Site, feasible: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
 ) -> list[NamedRoute]:
-    """The rule's choice among the members, without spare waypoints; None when it needs them all."""
+    """The rule's choice among the members, without unneeded waypoints; None if it needs all."""
     chosen = _chosen_so_far(feasible, rule)
     if chosen is None:
         return []
@@ -245,7 +246,7 @@ def _in_other_order(
     order: OrderEffort,
     is_over: Callable[[], bool] | None,
 ) -> list[NamedRoute]:
-    """The rule's choice among the members, in an order with shorter sorties, and the same without spare waypoints."""
+    """The rule's choice in an order with shorter sorties, and the same without unneeded waypoints."""
     chosen = _chosen_so_far(feasible, rule)
     if chosen is None or not has_several_sorties(site, chosen.route):
         return []
@@ -260,7 +261,7 @@ def _in_other_order(
 def _with_sure_pictures(
     fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
 ) -> list[RouteMember]:
-    """The members, such that the rule's choice has sure photos, if one of few keeps the rule as well."""
+    """The members, with sure photos for the rule's choice if one of the first choices permits it."""
     found, is_sure = _replaced(
         members, lambda left: _chosen_so_far(left, rule), lambda chosen: _made_of(chosen, surely, fine, executor),
         most=_MOST_UNSURE, confirmed=lambda left: _confirmed(fine.site, left, rule, cells=fine.grid.count),
@@ -271,12 +272,10 @@ def _with_sure_pictures(
 def _with_legs_that_fit(
     fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
 ) -> list[RouteMember]:
-    """The members.
+    """The members, with waypoints on legs of the rule's choice that are too long for one flight.
 
-    The rule's choice has waypoints on legs too long for one flight, if one of few has.
-
-    It is the same line: what is seen from it differs only by where along a leg the sensor looks. It takes several flights, and
-    the rule may choose another one instead.
+    The line does not change, but coverage may change slightly if the sensor observes at other points of a leg. The route then
+    takes several flights, and the rule may choose another one.
     """
     found, fits = _replaced(
         members, lambda left: _chosen_so_far(left, rule),
@@ -288,21 +287,21 @@ def _with_legs_that_fit(
 def _made_of(
     chosen: RouteMember, mended: Callable[[Site, Route], Route], fine: CoverageMap, executor: Executor | None
 ) -> list[RouteMember] | None:
-    """A changed member that keeps the limits; None where its route stays as it is."""
+    """A changed member that keeps the limits; None if its route does not change."""
     route = mended(fine.site, chosen.route)
     return None if route is chosen.route else _feasible(fine, [(route, chosen.origin)], executor)
 
 
 def _replaced(
-    members: list[RouteMember],  # feasible or to be made so
-    choice: Callable[[Sequence[RouteMember]], RouteMember | None],  # one of some members, one at least; none ends it
-    made_of: Callable[[RouteMember], list[RouteMember] | None],  # what comes in place of a choice; None: it may stay
+    members: list[RouteMember],  # feasible or repairable
+    choice: Callable[[Sequence[RouteMember]], RouteMember | None],  # chooses one member; None: stop
+    made_of: Callable[[RouteMember], list[RouteMember] | None],  # the replacement of a choice; None: keep it
     *,
-    most: int,  # number of choices that are replaced at most
+    most: int,  # largest number of replaced choices
     # those of some members that may be chosen
     confirmed: Callable[[list[RouteMember]], list[RouteMember]] = lambda members: members,
 ) -> tuple[list[RouteMember], bool]:
-    """The members with changed choices in place of the originals, until no choice changes any more.
+    """The members with replaced choices, repeated until the choice stays.
 
     Returns:
         The members, and whether the choice among them may stay.
@@ -331,13 +330,13 @@ _SHORTEST_M = 20.0
 
 
 def with_legs_that_fit(site: Site, route: Route) -> Route:
-    """The route, or in its place the same line with waypoints on legs that no flight takes as a whole.
+    """The route, with additional waypoints on legs that are too long for one flight.
 
-    Sorties are cut at waypoints. Where legs do not fit however short they are, and where a sensor looks from waypoints alone,
-    the route as it is.
+    Sorties are split at waypoints. The route does not change if even short legs do not fit, or if the sensor observes at
+    waypoints.
 
     Args:
-        site: the scenario on its ground; of one vehicle, or of several that are alike.
+        site: the scenario on its ground; of one vehicle, or of several identical ones.
         route: keeps the limits.
     """
     vehicle = site.scenario.vehicle
@@ -358,7 +357,7 @@ def with_legs_that_fit(site: Site, route: Route) -> Route:
 
 
 def _too_long(costs: FlightCosts) -> IntArray:
-    """Numbers of the waypoints at the beginnings of legs that take too much time or battery to be flown alone."""
+    """Numbers of the first waypoints of legs that take too much time or battery for one flight."""
     legs = np.arange(len(costs.so_far_s) - 1)
     alone_s = costs.there_s[:-1] + np.diff(costs.so_far_s) + costs.back_s[1:]
     used_s = np.array([battery_s(costs.energies, int(leg), int(leg) + 1) for leg in legs])

@@ -1,4 +1,4 @@
-"""Plans of vehicles with a part of the area each. Every part is searched by itself, and their routes are one plan."""
+"""Plans of vehicles with their own parts of the area. Each part is searched separately; the routes form one plan."""
 
 import bisect
 import itertools
@@ -22,10 +22,10 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import finer_map, map_for
 
 SearchPart = Callable[[Site, float, str], Plan]
-"""Searches on a site whose area is one part, with a share of the effort, by a rule."""
+"""Searches on a site whose area is one part, with a fraction of the effort, by a rule."""
 
 _ROUNDS = (0.2, 0.3, 0.5)
-"""Shares of the search, for one division after the other where the planner divides."""
+"""Fractions of the search, for one division after the other where the planner divides."""
 _MOST_ORDERS = 24
 """This number of orders of groups is tried, for parts near their homes."""
 _MOST_MEMBERS = 60
@@ -37,17 +37,17 @@ _FLUKE = 0.0004
 
 
 def part_sites(site: Site, paces: Sequence[float] | None = None) -> tuple[Site, ...]:
-    """For each group of vehicles that share a part: its first vehicle's site with that part as its area.
+    """For each group of vehicles that share a part: the site of its first vehicle, with that part as the area.
 
-    What the scenario gives to no vehicle is divided among the groups without a part.
+    Groups without a part divide the rest of the area.
 
     Args:
         site: the scenario on its ground.
-        paces: how fast each group sees ground, in any unit; default: the width that a sensor sees times the cruise speed, of all
-            its vehicles.
+        paces: ground that each group observes per time, in any unit; default: sensor width times cruise speed, of all its
+            vehicles.
 
     Raises:
-        ScenarioError: the parts do not fit, or the rest is too small for all that share it.
+        ScenarioError: the parts do not fit, or the rest is too small for the groups that divide it.
     """
     shared, sites, groups = own_parts(site), vehicle_sites(site), groups_of(site.scenario)
     firsts = [sites[group[0] - 1] for group in groups]
@@ -62,7 +62,7 @@ def part_sites(site: Site, paces: Sequence[float] | None = None) -> tuple[Site, 
 
 
 def first_paces(site: Site) -> list[float]:
-    """Square metres a second that the vehicles of each group see about, without turns and ways."""
+    """Estimated square metres per second that the vehicles of each group observe, without turns and transit."""
     sites = vehicle_sites(site)
     return [
         sum(flight_work(sites[k - 1]).swath_m * sites[k - 1].scenario.vehicle.cruise_speed_m_s for k in group)
@@ -71,11 +71,11 @@ def first_paces(site: Site) -> list[float]:
 
 
 def _shared_out(rest: Piece, groups: Sequence[tuple[Site, float]]) -> list[Piece]:
-    """An area divided in proportion to the paces of groups, each nearest to its home, as far as can be.
+    """An area divided in proportion to the paces of groups, each part near its home if possible.
 
     Args:
-        rest: what is divided.
-        groups: the site of the first vehicle of each, and its pace.
+        rest: the area to divide.
+        groups: the site of the first vehicle of each group, and its pace.
     """
     if len(groups) == 1:
         return [rest]
@@ -106,8 +106,8 @@ def plan_parts(site: Site, *, select_rule: str, search: SearchPart) -> Plan:
     """Plan the routes of vehicles that have parts of the area.
 
     Args:
-        site: the scenario on its ground, with vehicles of whom one at least has a part.
-        select_rule: see :mod:`uavcover.planner.selection_rule`; it chooses in every part, and among what the parts are together.
+        site: the scenario on its ground, at least one vehicle has a part.
+        select_rule: see :mod:`uavcover.planner.selection_rule`; it chooses in every part and among the combinations.
         search: of each part.
 
     Raises:
@@ -116,13 +116,13 @@ def plan_parts(site: Site, *, select_rule: str, search: SearchPart) -> Plan:
     """
     plans, evaluations = _best_division(site, search, _rule_of_part(select_rule))
     required = parse_rule(select_rule).required_coverage
-    # Their total cost says nothing of when the last vehicle is done.
+    # Their total cost does not determine when the last vehicle lands.
     soonest = [] if required is None else Soonest(site, plans, required).combinations()
     return plan_of_parts(site, plans, select_rule=select_rule, evaluations=evaluations, soonest=soonest)
 
 
 def _rule_of_part(select_rule: str) -> str:
-    """A member of the whole set cannot be named in a part."""
+    """The rule for one part. It cannot name a member of the whole set."""
     return "knee" if parse_rule(select_rule).kind == "index" else select_rule
 
 
@@ -130,9 +130,9 @@ def plan_of_parts(
     site: Site,  # the scenario on its ground, with vehicles that have parts
     plans: Sequence[Plan],  # of each part
     *,
-    select_rule: str,  # chooses among what the parts are together
+    select_rule: str,  # chooses among the combinations
     evaluations: int,  # of all searches
-    soonest: Sequence[Sequence[RouteMember]],  # combinations of routes that are members at any cost
+    soonest: Sequence[Sequence[RouteMember]],  # combinations of routes that must be members
 ) -> Plan:
     """The plan of all parts together, from the plan of each."""
     rule, of_part = parse_rule(select_rule), _rule_of_part(select_rule)
@@ -161,9 +161,9 @@ def plan_of_parts(
 
 
 def _best_division(site: Site, search: SearchPart, rule: str) -> tuple[list[Plan], int]:
-    """Plans of the parts, and all evaluations; where the planner divides, of the division with the earliest finish.
+    """Plans of the parts, and all evaluations; if the planner divides, those of the division that ends first.
 
-    The first division is by width and speed, the next one by the times that came out of it.
+    The first division uses width and speed; the next ones use the resulting times.
     """
     groups = groups_of(site.scenario)
     divided = [k for k, group in enumerate(groups) if site.scenario.vehicles[group[0] - 1].area is None]
@@ -188,9 +188,9 @@ def _best_division(site: Site, search: SearchPart, rule: str) -> tuple[list[Plan
 
 @dataclass(slots=True, eq=False)
 class Soonest:
-    """Routes of the parts that together have the required coverage, so that the longest flight is short.
+    """Combinations of part routes with the required coverage and the shortest longest flight.
 
-    A part may have less than the required coverage where others have more, or observe ground beyond their borders.
+    A part may have less than the required coverage if others have more, or observe ground beyond their borders.
     """
 
     site: Site  # the scenario on its ground, with vehicles that have parts
@@ -212,7 +212,7 @@ class Soonest:
         self._times_s = [[member.metrics.time_s for member in options] for options in self._options]
 
     def combinations(self) -> list[list[RouteMember]]:
-        """A few combinations, the soonest first; none where none has the coverage."""
+        """A few combinations, the soonest first; None where none has the coverage."""
         times_s = sorted({time_s for times_s in self._times_s for time_s in times_s})
         least = bisect.bisect_left(times_s, True, key=lambda time_s: self._covers(self._within(time_s)))
         found: dict[tuple[int, ...], list[RouteMember]] = {}
@@ -224,7 +224,7 @@ class Soonest:
         return list(found.values())
 
     def spare(self, longest_s: float) -> float:
-        """Coverage beyond the required one, of the whole, by the routes of most coverage that take at most this time."""
+        """Coverage beyond the required one, if each part flies its best route within this time."""
         chosen, maps = self._within(longest_s), self._maps[0][1]
         if min(chosen) < 0:
             return 0.0
@@ -232,11 +232,11 @@ class Soonest:
         return max(0.0, maps[0].share_of_coverable(seen) - self.required)
 
     def beside(self, members: Sequence[RouteMember], longest_s: float) -> list[list[RouteMember]]:
-        """Combinations with another route of one part, and where that takes coverage, with more of one other part.
+        """Combinations with another route of one part and, if that costs coverage, a better route of another part.
 
         Args:
             members: a combination.
-            longest_s: time that none of the other routes takes.
+            longest_s: upper limit of the time of the other routes.
         """
         now = [options.index(member) for options, member in zip(self._options, members, strict=True)]
         found: dict[tuple[int, ...], None] = {}
@@ -259,11 +259,11 @@ class Soonest:
         return [options[k] for options, k in zip(self._options, chosen, strict=True)]
 
     def _within(self, time_s: float) -> list[int]:
-        """For each part, the option of most coverage that takes at most this time; -1 where there is none."""
+        """For each part, the option with most coverage within this time; -1 without one."""
         return [bisect.bisect_right(times_s, time_s) - 1 for times_s in self._times_s]
 
     def _thrifty(self, chosen: list[int]) -> list[int]:
-        """Options that take less time, part by part, as long as all together have the coverage."""
+        """Options that take less time, part by part, while the total coverage suffices."""
         for part in range(len(chosen)):
             while chosen[part] > 0 and self._covers(less := [*chosen[:part], chosen[part] - 1, *chosen[part + 1 :]]):
                 chosen = less
@@ -286,7 +286,7 @@ class Soonest:
 
 
 def _most_for_time(members: Sequence[RouteMember]) -> list[RouteMember]:
-    """The members that have more coverage than all that take less time, by time."""
+    """The members, by time, that have more coverage than all faster ones."""
     kept: list[RouteMember] = []
     for member in sorted(members, key=lambda m: (m.metrics.time_s, -m.metrics.coverage_of_coverable)):
         if member.violation <= 0.0 and (

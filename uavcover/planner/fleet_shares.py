@@ -1,7 +1,7 @@
-"""Divide the area among vehicles that are alike: parts of equal time, and flights that do not wait.
+"""Divide the area among identical vehicles: parts of equal time, and flights that do not wait.
 
-The first borders are by estimated work, the next ones by the times that were found. Then the slowest parts are searched once
-more. Last, parts are exchanged between the pads and routes are reversed, as long as the schedule ends sooner.
+The first borders follow the estimated work, the next ones the resulting times. Then the slowest parts are searched again.
+Finally, vehicles exchange parts and routes are reversed while the schedule gets shorter.
 """
 
 import itertools
@@ -25,13 +25,13 @@ from uavcover.scenario.vehicles import Piece, vehicle_sites
 _log = logging.getLogger(__name__)
 
 SearchAgain = Callable[[Site, float, str, int], Plan]
-"""Searches in a part of the area, with a share of the effort, by a rule. Another number is another search."""
+"""Searches in a part of the area, with a fraction of the effort, by a rule. Another number is another search."""
 
 _BESIDE = 0.5
 """Homes that are nearer to vehicle 1's, in sides of a square of the area's size, count as one for the borders."""
 _GRID_M = 0.01
 _SHIFT = 0.7
-"""Share of the difference to the mean time that moves the borders: part of it is luck of the search."""
+"""Fraction of the difference to the mean time that moves the borders: part of it is luck of the search."""
 _MOST_ARRANGED, _TRIES, _BEGINNINGS = 8, 400, 8
 """Vehicles whose parts are exchanged and reversed, schedules that are tried, and arrangements from which that begins."""
 _NEAR = 12
@@ -40,7 +40,7 @@ _LEAST_GAIN_S = 0.5
 
 
 def is_one_flight_each(site: Site) -> bool:
-    """Whether one battery is enough for each vehicle's part. The estimate allows half as much again for turns."""
+    """Whether one battery is enough for each vehicle's part. The estimate adds half for turns."""
     vehicle, work = site.scenario.vehicle, flight_work(site)
     whole_s = work.of(site.area, site.scenario.fleet.vehicles) / vehicle.cruise_speed_m_s
     longest_s = vehicle.longest_flight_s
@@ -53,14 +53,14 @@ def plan_in_shares(
     """The plan of a fleet whose vehicles have parts of the area, and the site with the parts.
 
     Args:
-        site: the scenario on its ground; its vehicles are alike but for their homes.
+        site: the scenario on its ground; its vehicles differ only in their homes.
         rule: of each part and of the whole.
         required: coverage by this rule.
         search: of each part.
-        efforts: shares of the search for each division; the last one is for the slowest parts of the best division.
+        efforts: fractions of the search for each division; the last one is for the slowest parts of the best division.
 
     Returns:
-        none where the area cannot be divided, or the parts have too little coverage.
+        None if the area cannot be divided, or the parts have too little coverage.
 
     Raises:
         InfeasibleError: no route of a part keeps the limits.
@@ -106,7 +106,7 @@ class _Division:
     def searched(
         cls, site: Site, piece_of: tuple[int, ...], rule: str, required: float, search: SearchAgain, effort: float
     ) -> "_Division":
-        # Borders that touch leave slivers of rounding, which later operations on polygons cannot bear.
+        # Rounding leaves slivers between borders that touch, and later polygon operations fail on them.
         parts = tuple(replace(own, area=shapely.set_precision(own.area, _GRID_M)) for own in part_sites(site))
         whole_m2 = sum(own.area.area for own in parts)
         plans = tuple(search(own, effort * own.area.area / whole_m2, rule, 0) for own in parts)
@@ -132,7 +132,7 @@ class _Division:
         return any(plan.interrupted for plan in self.plans)
 
     def balanced(self, shares: Sequence[float]) -> list[float]:
-        """Shares of the work with which the parts would take equal times."""
+        """Fractions of the work that give the parts equal times."""
         members = self.combinations[0] if self.combinations else [plan.chosen for plan in self.plans]
         times_s = [max(member.metrics.time_s, 1.0) for member in members]
         changed = list(shares)
@@ -141,7 +141,7 @@ class _Division:
         return changed
 
     def searched_again(self, required: float, search: SearchAgain, effort: float) -> "_Division":
-        """The same with another search of the parts that take longest, for as little coverage as the others leave to them."""
+        """The same after another search of the slowest parts, for the coverage that the others leave to them."""
         times_s = [member.metrics.time_s for member in self.combinations[0]]
         slow = [k for k, time_s in enumerate(times_s) if time_s >= sum(times_s) / len(times_s)]
         plans = list(self.plans)
@@ -172,10 +172,10 @@ class _Division:
 
 
 def _divided(site: Site, shares: Sequence[float]) -> tuple[Site, tuple[int, ...]] | None:
-    """The site with a part for each vehicle, and the parts' numbers. None where the area is too small.
+    """The site with a part for each vehicle, and the numbers of the parts. None if the area is too small.
 
-    Work includes the transits from vehicle 1's home where all homes are beside it. The sum of the distances from homes to parts
-    is least, so that the straight lines between them do not cross.
+    Work includes the transit from vehicle 1's home if all homes are near it. The assignment minimises the sum of the distances
+    between homes and parts, so that the straight lines between them do not cross.
     """
     sites, work = vehicle_sites(site), flight_work(site)
     homes = np.array([own.home_m[:2] for own in sites if own.home_m is not None])
@@ -194,7 +194,7 @@ def _divided(site: Site, shares: Sequence[float]) -> tuple[Site, tuple[int, ...]
 
 
 def _outline(piece: Piece) -> Outline:
-    """A piece as a scenario gives it."""
+    """A piece as in a scenario."""
     return Outline(
         polygons_east_north_m=tuple(
             tuple(
@@ -217,7 +217,7 @@ class _Arranged:
 
 
 def _arranged(division: _Division, required: float) -> _Arranged:
-    """Exchange parts between vehicles, take other routes of the parts, and reverse routes, so that the last lands sooner."""
+    """Exchange parts, use other routes of the parts, and reverse routes, so that the last vehicle lands earlier."""
     if len(division.plans) > _MOST_ARRANGED:
         return _Arranged(division, division.combinations, division.longest_s)
     search = _Arrangements(division.site)
@@ -241,7 +241,7 @@ def _reversed(member: RouteMember) -> RouteMember:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Arrangement:
-    """Routes, their vehicles and directions, and the schedule that this gives."""
+    """Routes, their vehicles and directions, and the resulting schedule."""
 
     order: tuple[int, ...]  # for each vehicle the number of its route
     members: list[RouteMember]  # each vehicle's route in the direction in which it is flown
@@ -262,7 +262,7 @@ class _Arrangements:
         self.tried = 0
 
     def best(self, members: Sequence[RouteMember]) -> _Arrangement:
-        """The arrangement that ends soonest, by exchanging two routes or reversing one, from several beginnings."""
+        """The arrangement that ends first, by exchanging two routes or reversing one, from several initial arrangements."""
         count, rng, tried = len(members), np.random.default_rng(0), {}
         ways = [(member, _reversed(member)) for member in members]
 
@@ -288,7 +288,7 @@ class _Arrangements:
         return min(tried.values(), key=lambda each: each.end_s)
 
     def turned(self, members: list[RouteMember]) -> _Arrangement:
-        """The best directions of routes, whose vehicles are given."""
+        """The best directions of routes with given vehicles."""
         order = tuple(range(len(members)))
         best, better = self._scheduled(order, members, members), True
         while better:

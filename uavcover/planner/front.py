@@ -1,7 +1,7 @@
-"""Pareto front of a plan: whole and partial routes, judged on the area's own cells and thinned.
+"""Pareto front of a plan: whole and partial routes, evaluated on the area's own cells and thinned.
 
-Parts of a route: a vehicle that cannot fly all of it flies the stretch that sees most for its length. Snapshots tell what the
-planner would have returned had it been stopped earlier: one run gives the result at every moment.
+A vehicle that cannot fly the whole route flies the part with the best coverage for its length. Snapshots record what the
+planner would have returned at earlier times, so one run gives the result for every budget.
 """
 
 import dataclasses
@@ -35,11 +35,11 @@ NamedRoute = tuple[Route, str]
 
 
 class Snapshots:
-    """The routes that were worth judging at given moments of a run, and at its end.
+    """Routes worth evaluating at given times of a run, and at its end.
 
     Attributes:
-        moments_s: when, by the effort's clock, since planning started; ascending.
-        taken: the routes by moment; a moment that the run did not reach has what the run ended with.
+        moments_s: times since planning started, by the effort's clock; ascending.
+        taken: the routes by time; the final result for times after the end of the run.
         last: the routes at the end.
     """
 
@@ -49,7 +49,7 @@ class Snapshots:
         self.last: tuple[NamedRoute, ...] = ()
 
     def look(self, elapsed_s: float, found: Callable[[], Sequence[NamedRoute]]) -> None:
-        """Record the result of ``found`` for every moment that has passed without one; otherwise do not call it."""
+        """Call ``found`` and record its result if a moment has passed without one."""
         due = [moment for moment in self.moments_s if moment <= elapsed_s and moment not in self.taken]
         if due:
             self.taken |= dict.fromkeys(due, tuple(found()))
@@ -89,9 +89,9 @@ def judge_members(
 
 
 def pareto_members(members: Sequence[RouteMember]) -> list[RouteMember]:
-    """The members that no other dominates on the judged figures, by coverage; the first of equal ones.
+    """The members that no other dominates, by coverage; the first of equal ones.
 
-    Coverage is that of the coverable area, which the selection rules speak of.
+    Coverage is that of the visible ground, as in the selection rules.
     """
     values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in members])
     _, first = np.unique(values, axis=0, return_index=True)
@@ -103,7 +103,7 @@ def pareto_members(members: Sequence[RouteMember]) -> list[RouteMember]:
 
 
 def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:
-    """One line about the route closest to feasible: which limit it breaks, where, by how much, and what to do."""
+    """One line about the route closest to feasible: the limit, the position, the excess, and the remedy."""
     least = min(members, key=lambda member: member.violation)
     limits = site.scenario.limits
     find = find_problems if limits.applies_to == "legs" else find_waypoint_problems
@@ -130,7 +130,7 @@ def _seriousness(problem: LegProblem) -> float:
 
 
 PART_SHARES = tuple(k / 25 for k in range(1, 25))
-"""Least coverage of the parts, as shares of the whole route's coverage."""
+"""Least coverage of the parts, as fractions of the whole route's coverage."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +139,7 @@ class Gains:
 
     route: Route  # its waypoints
     way_m: FloatArray  # (n,) length of the path up to each waypoint
-    seen: FloatArray  # (n,) share of the area's ground that is seen up to each waypoint, 0..1
+    seen: FloatArray  # (n,) fraction of the area's ground that is observed up to each waypoint, 0..1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,14 +147,13 @@ class Part:
     """A stretch of a route."""
 
     route: Route  # its waypoints
-    # share of the area's ground that it sees: at least this much, because what the route has seen before the stretch
-    # begins is not looked at again. It is an estimate where photos by distance begin anew with the stretch, and in
-    # corners, which are flown beside the waypoints.
+    # lower limit of the observed fraction of the area: ground that the route observes before the stretch does not count. An
+    # estimate in corners, and if distance-triggered photos restart with the stretch.
     seen: float
 
 
 def gains_of(coverage: CoverageMap, route: Route) -> Gains:
-    """Coverage that each leg of a route adds, on the cells of ``coverage``; a single waypoint counts by itself."""
+    """Coverage that each leg of a route adds, on the cells of ``coverage``; a single waypoint counts alone."""
     way_m = path_lengths_m(route.waypoints_m)
     if len(route) == 1:
         return Gains(route, way_m, np.array([coverage.share(coverage.seen(route.waypoints_m))]))
@@ -167,10 +166,9 @@ def gains_of(coverage: CoverageMap, route: Route) -> Gains:
 
 
 def parts_of(gains: Gains, *, shares: Sequence[float] = PART_SHARES) -> list[Part]:
-    """For each share of a route's coverage, the shortest stretch of whole legs known to reach it.
+    """For each fraction of a route's coverage, the shortest known stretch of whole legs that reaches it.
 
-    Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is listed once, the whole
-    route never.
+    Each stretch keeps the limits that the route keeps. A stretch is listed once, and the whole route never.
 
     Args:
         gains: of the route.
@@ -182,7 +180,7 @@ def parts_of(gains: Gains, *, shares: Sequence[float] = PART_SHARES) -> list[Par
     first = np.arange(len(points) - 1)
     found: dict[tuple[int, int], Part] = {}
     for share in shares:
-        # From each waypoint to the first one behind it that has seen enough; past the end where none has.
+        # For each waypoint, the first later one with enough coverage; past the end without one.
         last = np.maximum(np.searchsorted(seen, seen[first] + share * seen[-1] * (1.0 - 1e-12)), first + 1)
         lengths = np.where(last < len(points), way_m[np.minimum(last, len(points) - 1)] - way_m[first], np.inf)
         best = int(np.argmin(lengths))
@@ -193,7 +191,7 @@ def parts_of(gains: Gains, *, shares: Sequence[float] = PART_SHARES) -> list[Par
 
 
 MOST_MEMBERS = 100
-"""A larger Pareto set is thinned: a choice that a user cannot survey is no choice."""
+"""A larger Pareto set is thinned, because a user cannot survey it."""
 
 _MOST_OTHERS = 80
 _FEWEST_OTHERS = 5
@@ -203,16 +201,16 @@ _MOST_FOUND = 25
 """This number of found routes is expected when time is set aside for judging them."""
 
 _PART = 0.5
-"""Time of judging a part, as a share of that of a whole route."""
+"""Time of judging a part, as a fraction of that of a whole route."""
 
 _FEWEST_JUDGED = 12
-"""Time is set aside for judging this number of routes at least, up to a share of the budget."""
+"""Time is set aside for judging this number of routes at least, up to a fraction of the budget."""
 
 _JUDGED_FIRST = 2
-"""This number of baselines is always judged, the others while that takes no more than a share of the budget."""
+"""This number of baselines is always judged, the others while that takes no more than a fraction of the budget."""
 
 _WHOLE = 0.9
-"""A route has parts worth flying when it sees at least this share of the most that any sees."""
+"""A route has parts worth flying when it observes at least this fraction of the most that any observes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,20 +231,20 @@ class Whole:
 
 
 class Finish:
-    """The final stage of a plan: picks the routes and parts worth judging in the time that is left."""
+    """The final stage of a plan: chooses the routes and parts to evaluate in the remaining time."""
 
     def __init__(
         self,
         coarse: CoverageMap,  # on the planner's cells
-        fine: CoverageMap,  # on the cells that judge
+        fine: CoverageMap,  # on the evaluation grid
         baselines: Sequence[Candidate],  # the most useful ones first
-        others: Sequence[Candidate],  # what an optimizer found
-        lines: Sequence[NamedRoute],  # further named routes; like the others they are judged when nothing beats them
+        others: Sequence[Candidate],  # from an optimizer
+        lines: Sequence[NamedRoute],  # further named routes; evaluated if nothing dominates them
         *,
-        evaluating_s: float,  # what it took to make a route and evaluate it on the planner's cells
+        evaluating_s: float,  # time to construct a route and evaluate it on the planner's cells
         effort: Effort,  # of the whole plan
         started: float,  # when planning began, by the effort's clock
-        executor: Executor | None,  # looks at routes side by side
+        executor: Executor | None,  # looks at routes in parallel
     ) -> None:
         """Look at the lines."""
         self._coarse, self._fine, self._baselines, self._others = coarse, fine, baselines, others
@@ -264,7 +262,7 @@ class Finish:
         return [*self._others, *(each.candidate for each in self._lines), *self._baselines]
 
     def search_effort(self, late_s: float = 0.0) -> Effort:
-        """The effort, less the time reserved for judging the result, and for what else comes after the search."""
+        """The effort without the time reserved for evaluating the result and for later stages."""
         budget_s = self._effort.budget_s
         if budget_s is None:
             return self._effort
@@ -281,7 +279,7 @@ class Finish:
         return dataclasses.replace(self._effort, budget_s=budget_s - late_s - finish_s)
 
     def judged_baselines(self, baselines: Sequence[Candidate]) -> list[RouteMember]:
-        """Baselines judged, in their order; the first ones, where a time budget has no room for all.
+        """Baselines evaluated in their order; under a time budget, the first ones.
 
         Args:
             baselines: the most useful ones first.
@@ -293,7 +291,7 @@ class Finish:
         judged = judge_members(self._fine, named[:_JUDGED_FIRST], self._executor)
         count = len(named)
         if self._effort.budget_s is not None and count > _JUDGED_FIRST:
-            # What was judged before the search is known: it takes no time now, and says nothing about other routes.
+            # Routes that were evaluated before the search take no time now, and do not show how long others take.
             each_s = max((now() - begin) / _JUDGED_FIRST, self._judged_s, 1e-6)
             count = min(count, _JUDGED_FIRST + int(SHARES.judging_baselines * self._effort.budget_s / each_s))
         judged += judge_members(self._fine, named[_JUDGED_FIRST:count], self._executor)
@@ -302,10 +300,10 @@ class Finish:
         return judged
 
     def worth_judging(self, found: Sequence[NamedRoute]) -> list[NamedRoute]:
-        """The routes found, their parts, and the optimizer's routes that nothing is known to dominate."""
+        """The routes found, their parts, and the optimizer's routes that no known route dominates."""
         scenario = self._coarse.site.scenario
         if not scenario.sensor.looks_along_path and scenario.limits.applies_to == "waypoints":
-            # In any order every number of waypoints is searched for by itself: a part is no news.
+            # With a free order, every number of waypoints has its own search, so parts add nothing.
             return [*found, *(each.route for each in self._others), *(each.candidate.route for each in self._lines)]
         looked = [*self._wholes, *self._looked_at(found)]
         lines = _unbeaten([each.candidate for each in self._lines], [each.candidate for each in looked])
@@ -346,7 +344,7 @@ def _unbeaten(offered: Sequence[Candidate], known: Sequence[Candidate]) -> list[
 
 
 def _parts(site: Site, wholes: Sequence[Whole]) -> list[Candidate]:
-    """The parts of the routes with the most coverage, where nothing dominates the whole."""
+    """Parts of the routes with the most coverage, unless the whole route is dominated."""
     sound = [each for each in wholes if each.candidate.violation <= 0.0]
     if not sound:
         return []
@@ -363,7 +361,7 @@ def _parts(site: Site, wholes: Sequence[Whole]) -> list[Candidate]:
 
 
 def thinned(pareto: Sequence[RouteMember], rule: Rule) -> list[RouteMember]:
-    """At most MOST_MEMBERS of a Pareto set, in its order: the rule's choice and the least crowded."""
+    """At most MOST_MEMBERS of a Pareto set, in its order: the rule's choice and the least crowded ones."""
     if len(pareto) <= MOST_MEMBERS:
         return list(pareto)
     metrics = [member.metrics for member in pareto]

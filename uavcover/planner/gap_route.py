@@ -1,7 +1,7 @@
 """The route that closes the gaps of a flight.
 
-Few viewpoints from which all missing cells are seen (a greedy set cover over a grid of allowed places) are put in a short order,
-laid over the terrain, and pruned by what the route sees on its way.
+A greedy set cover over a grid of permitted positions gives a few viewpoints that observe all missing cells. They are put in a
+short order, laid over the terrain, and pruned where the route already observes the ground.
 """
 
 import math
@@ -38,7 +38,7 @@ _MOST_PLACES = 6_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissingCells:
-    """Part of the cells of a map, with numbers of their own."""
+    """Part of the cells of a map, numbered separately."""
 
     coverage: CoverageMap  # the whole map
     cells: Cells  # the part, cut out of the lattice
@@ -69,7 +69,7 @@ class MissingCells:
         return cls(coverage, cells, numbers.astype(np.int64), coverage.grid.weight_m2[numbers])
 
     def seen_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
-        """(m,) whether any observation sees each cell."""
+        """(m,) whether any observation observes each cell."""
         site = self.coverage.site
         if sight is self.coverage.sight and site.scenario.sensor.has_own_view:
             return seen_often(site, self.cells, looks.places_m, looks.headings) >= 0
@@ -82,7 +82,7 @@ class MissingCells:
 
 
 def grid_places(site: Site, missing: MissingCells) -> FloatArray:
-    """(k, 3) places in a grid over the missing cells and their surroundings, at the height that sees widest.
+    """(k, 3) positions in a grid over the missing cells and their surroundings, at the height of the widest view.
 
     The last column is the height above ground.
     """
@@ -120,26 +120,26 @@ def places_around(site: Site, cells_m: FloatArray) -> FloatArray:
 
 
 def few_enough(cells_m: FloatArray) -> FloatArray:
-    """Some of (m, 3) cells, evenly spaced, to limit the number of points around them; at least one is given."""
+    """At least one of (m, 3) cells, evenly spaced, to limit the number of points around them."""
     places_a_cell = len(_AROUND_SHARES) * (1 + (len(_AROUND_REACHES) - 1) * _AROUND_DIRECTIONS)
     return cells_m[:: math.ceil(len(cells_m) * places_a_cell / _MOST_PLACES)]
 
 
 def inside_fence(site: Site, places_m: FloatArray) -> BoolArray:
-    """(k,) whether each of (k, 2) places is inside fence and no-fly zones by the acceptance radius, over known ground."""
+    """(k,) whether each of (k, 2) positions is inside fence and no-fly zones by the acceptance radius, over known ground."""
     inner = flyable_area(site).polygon.buffer(-site.scenario.vehicle.acceptance_radius_m)
     inside = shapely.contains_xy(inner, places_m[:, 0], places_m[:, 1])
     return np.asarray(inside & np.isfinite(site.ground.heights_m(places_m)), dtype=bool)
 
 
 def cover(missing: MissingCells, places_agl_m: FloatArray, sight: Sight, wanted: BoolArray) -> FloatArray:
-    """A subset of (k, 3) places that sees the same ``wanted`` (m,) cells as all of them together.
+    """A subset of (k, 3) positions that observes the same ``wanted`` (m,) cells as all of them together.
 
-    Always the one that sees the most ground not yet seen (greedy set cover: at most ln(m) + 1 times as many as needed). A camera
-    that turns with the legs is taken as looking all ways at once: the route that is laid through the places decides.
+    Greedy set cover: choose the position that observes the most unobserved ground (at most ln(m) + 1 times the optimum). A camera
+    that turns with the legs is assumed to look in all directions, because the route through the positions determines its heading.
 
     Returns:
-        (j, 3) places with their heights above ground, in the order of choice.
+        (j, 3) positions with their heights above ground, in the order of choice.
     """
     ups = missing.coverage.site.ground.ups_m(places_agl_m[:, :2], places_agl_m[:, 2])
     eyes = np.column_stack([places_agl_m[:, :2], ups])
@@ -176,31 +176,31 @@ class ClosingRoute:
     """A route for the gaps."""
 
     route: Route  # the waypoints
-    wanted_m2: float  # ground area that was to be seen
-    seen_m2: float  # what the route sees of it
+    wanted_m2: float  # ground area to observe
+    seen_m2: float  # the part that the route observes
 
 
 def plan_closing_route(
     coverage: CoverageMap,  # on the cells that results are judged on
-    # (cells,) what is to be seen; cells that no allowed place sees are left out of it by the caller
+    # (cells,) cells to observe; the caller omits those that no permitted position observes
     missing: BoolArray,
     *,
     start_m: FloatArray,  # (3,) ENU, where the vehicle comes from: home, or where it is
     end_m: FloatArray,  # (3,) ENU, where it goes to afterwards
-    # ground area of the missing cells that is enough, the costliest parts left out; default: all that can be seen
+    # sufficient area of the missing cells, without the costliest ones; default: all visible ones
     needed_m2: float | None = None,
-    # ground area of the missing cells below which a route is of no use, and is not made shorter
+    # area of the missing cells below which a route is useless
     useful_m2: float = 0.0,
-    # whether there is no time to see more, or to see it on a shorter way: asked between trials
+    # whether the time for improvements is over: called between trials
     is_over: Callable[[], bool] = lambda: False,
 ) -> ClosingRoute:
-    """A short route from a start to an end that sees the missing cells.
+    """A short route from a start to an end that observes the missing cells.
 
-    The sensor is taken a little narrower than it is, by the vehicle's acceptance radius, so that what is planned is also seen
-    when waypoints are rounded; where that leaves cells out, the sensor as it is gets its say.
+    The sensor is narrowed by the vehicle's acceptance radius, so that the flight observes the cells although waypoints are
+    rounded. The full sensor is used for cells that the narrowed one misses.
 
     Raises:
-        InfeasibleError: nothing is missing, or no allowed route sees any of it, or enough to be of use.
+        InfeasibleError: nothing is missing, or no permitted route observes enough of it to be useful.
     """
     if not missing.any():
         raise InfeasibleError("there are no gaps to close: all visible ground was observed")
@@ -216,7 +216,7 @@ def plan_closing_route(
 
 
 class _Builder:
-    """A route as corners on the map with wanted heights, and what it sees."""
+    """A route as corners on the map with wanted heights, and the cells that it observes."""
 
     def __init__(
         self, site: Site, missing: MissingCells, start_m: FloatArray, end_m: FloatArray, is_over: Callable[[], bool]
@@ -232,7 +232,7 @@ class _Builder:
 
     @property
     def seen(self) -> BoolArray:
-        """(m,) cells seen by the unreduced sensor."""
+        """(m,) cells observed by the unreduced sensor."""
         return np.asarray(self.views[1])
 
     @property
@@ -241,7 +241,7 @@ class _Builder:
         return self._area_m2(self.seen)
 
     def add_viewpoints(self, needed_m2: float = math.inf) -> None:
-        """Add corners until the laid route sees enough, or all: with the narrowed sensor first, then the unreduced one."""
+        """Add corners until the laid route observes enough, or all: first with the narrowed sensor, then with the full one."""
         wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
         grid = grid_places(self.site, self.missing)
         self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted)]))
@@ -255,17 +255,17 @@ class _Builder:
             if len(more) > 0:
                 self._take(np.vstack([self.corners, more]))
             if self.seen.sum() <= before[1][1].sum():
-                # The camera was turned away there: next come places from which it sees the ground however it is turned.
+                # The camera looked away there. Next, try positions that observe the ground at any heading.
                 self.corners, self.views = before
                 sights = sights[1:]
                 if not sights:
                     return
 
     def drop_costly(self, needed_m2: float) -> None:
-        """Remove the corners that save the most distance for the ground they cover, while enough is seen.
+        """Remove the corners that save the most distance for the ground they cover, while enough ground is observed.
 
-        What is lost with a corner grows as others go, but for legs that another order lays elsewhere. So a corner is judged
-        anew only while its loss of before promises more than the best one judged (lazy greedy, Minoux 1978).
+        The loss of a corner mostly grows as others go, unless a new order moves the legs. So a corner is evaluated again only
+        while its previous loss promises more than the best one so far (lazy greedy, Minoux 1978).
         """
         cell_m2 = self.missing.coverage.grid.cells.size_m**2
         lost_m2 = np.full(len(self.corners), cell_m2)
@@ -278,7 +278,7 @@ class _Builder:
                     break
                 if self.is_over():
                     return
-                # Another order lays other legs over the terrain: what is judged is what will be flown.
+                # Another order has other legs over the terrain, so evaluate the flown route.
                 fewer = np.delete(self.corners, k, axis=0)
                 order = self._order(fewer)
                 views = self._views_with(fewer[order])
@@ -291,7 +291,7 @@ class _Builder:
             self.corners, self.views, lost_m2 = best
 
     def shorten(self) -> None:
-        """Remove corners and pull them in without losing coverage, by the narrowed or the unreduced sensor."""
+        """Remove corners and pull them in without losing coverage, by the narrowed or the full sensor."""
         keep = self.views
         improved = True
         while improved:
@@ -315,7 +315,7 @@ class _Builder:
         """The route, laid over the terrain.
 
         Raises:
-            InfeasibleError: it sees nothing.
+            InfeasibleError: it observes nothing.
         """
         if not self.seen.any():
             raise InfeasibleError("no allowed position can observe any of the gaps; they remain open")
@@ -332,9 +332,9 @@ class _Builder:
         return np.vstack([pulls, steps.reshape(-1, 2)])
 
     def _try(self, corners: FloatArray, keep: BoolArray) -> bool:
-        """Accept other corners if they shorten the route, lose nothing of ``keep`` and break no further limit.
+        """Accept other corners if they shorten the route, keep coverage of ``keep`` and exceed no further limit.
 
-        Fewer corners need only not lengthen it.
+        Fewer corners are accepted at equal length.
         """
         corners = self._ordered(corners)
         gain_m = self._length_m(self.corners) - self._length_m(corners)
@@ -379,7 +379,7 @@ class _Builder:
         return lay_over_terrain(self.site, corners[:, :2], corners[:, 2], tolerance_m=_TOLERANCE_M)
 
     def _views_with(self, corners: FloatArray) -> BoolArray:
-        """(2, m) cells that the laid route sees: with the narrowed sensor, and with the unreduced one."""
+        """(2, m) cells that the laid route observes: with the narrowed sensor, and with the full one."""
         return self.missing.seen_on(self._laid(corners), (self.narrow, self.sight))
 
     def _violation(self, corners: FloatArray) -> float:

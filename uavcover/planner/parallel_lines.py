@@ -1,6 +1,6 @@
-"""Lines and nothing else: the best of a scan, no free search.
+"""Routes of lines only: the best of a scan, without a free search.
 
-Parallel lines in one direction, as crosshatch and oblique surveys need them; or lines along the terrain's contours.
+Parallel lines in one direction, for crosshatch and oblique surveys; or lines along the contours of the terrain.
 """
 
 import math
@@ -58,20 +58,20 @@ class _Lines:
 def plan_lines(
     site: Site,  # the scenario on its ground
     *,
-    settings: PlannerSettings,  # the direction, and how many waypoints a route may have
+    settings: PlannerSettings,  # the direction and largest number of waypoints
     select_rule: str,  # see :mod:`uavcover.planner.selection_rule`
     effort: Effort,  # when to stop
-    executor: Executor | None,  # judges routes side by side; the result does not depend on it
-    should_stop: Callable[[], bool],  # asked between batches; the first is always judged
+    executor: Executor | None,  # judges routes in parallel; the result does not depend on it
+    should_stop: Callable[[], bool],  # called between batches; the first is always judged
 ) -> Plan:
-    """Plan lines in the direction of ``planner.line_heading_deg``, or along the longer side of the area; or along contours.
+    """Plan lines along ``planner.line_heading_deg``, along the longer side of the area, or along contours.
 
-    Number, height, length and start of the lines (of contour lines, how closely they follow the contours) are scanned, and judged
-    on the finer cells of the area.
+    Scan the number, height, length and start of the lines (for contour lines, how closely they follow the contours), and evaluate
+    them on the finer cells of the area.
 
     Raises:
-        InfeasibleError: no lines keep the hard limits; says which, where and by how much.
-        InputError: the rule cannot be understood.
+        InfeasibleError: no lines keep the hard limits; names the limit, the position and the excess.
+        InputError: the rule is invalid.
     """
     started, rule = effort.now(), parse_rule(select_rule)
     fine = judging_map(site)
@@ -84,7 +84,7 @@ def plan_lines(
         found += _judged(site, fine, batch, executor)
     begun_elsewhere = [replace(layout, start=start) for layout in _best(found) for start in range(1, 4)]
     judged = [lines.member for lines in (*found, *_judged(site, fine, begun_elsewhere, executor))]
-    # No waypoint is given up: between the ends of two lines that would turn a line.
+    # Keep all waypoints: without one between the ends of two lines, a line would turn.
     chosen = choose(fine, settings, rule, judged, executor=executor, interrupted=interrupted, is_over=None)
     return Plan(
         chosen=chosen.route,
@@ -107,7 +107,7 @@ def _batches(site: Site, settings: PlannerSettings) -> Iterable[Sequence[SwathLa
 
 
 def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
-    """Layouts to try, those of one number of lines together; the number that flat ground needs comes first."""
+    """Layouts to try, grouped by the number of lines; the number for flat ground comes first."""
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     best = best_height_agl_m(site)
@@ -171,7 +171,7 @@ def _best(found: list[_Lines]) -> list[SwathLayout]:
 def first_lines(
     site: Site, angle_rad: float, executor: Executor | None, should_stop: Callable[[], bool]
 ) -> list[NamedRoute]:
-    """Balanced and simple lines, the best initial solutions first. The rest is left out when time is over."""
+    """Balanced and simple lines, the best initial solutions first, until the time is over."""
 
     def balanced() -> list[Route]:
         if not can_be_adapted(site):
@@ -190,23 +190,23 @@ def first_lines(
 
 
 def _by_length(site: Site) -> bool:
-    """Whether balanced lines are worth more than simple ones.
+    """Whether balanced lines are better than simple ones.
 
-    Balanced lines are the shortest, but they have a waypoint wherever the ground asks for one, and each costs time: on 25 km²
-    simple ones take a third less of it.
+    Balanced lines are the shortest, but they have more waypoints, and each waypoint takes time. On 25 km², simple lines have a
+    third fewer.
     """
     return way_cost_of(site).unit == LENGTH
 
 
 def any_reaches(coarse: CoverageMap, lines: Sequence[NamedRoute], asked: float | None) -> bool:
-    """Whether one of the lines has the required coverage; also without a requirement or without lines."""
+    """Whether one of the lines has the required coverage; True without a requirement or without lines."""
     if asked is None or not lines:
         return True
     return any(coarse.share_of_coverable(coarse.seen(route.waypoints_m)) >= asked for route, _ in lines)
 
 
 def one_line_more(site: Site, angle_rad: float) -> list[NamedRoute]:
-    """Under a time budget few numbers of lines are laid out: these see enough for nearly every coverage."""
+    """Lines for a short time budget with few numbers of lines: these reach nearly every coverage."""
     if not can_be_adapted(site):
         return []
     shortest = _by_length(site)
@@ -215,9 +215,9 @@ def one_line_more(site: Site, angle_rad: float) -> list[NamedRoute]:
 
 
 def _cheaper_way_round(site: Site, route: Route) -> Route:
-    """The route or its reverse, whichever costs less: in wind they differ, and no single move reverses a whole route."""
+    """The cheaper of the route and its reverse. They differ in wind, and no single move reverses a whole route."""
     way, surface = way_cost_of(site), site.ground.surface
     back = Route(np.ascontiguousarray(route.waypoints_m[::-1]))
     there_cost, back_cost = (float(route_cost(surface, way, each.waypoints_m)) for each in (route, back))
-    # Where both ways are as good, rounding must not choose.
+    # If both directions are equally good, rounding must not decide.
     return back if back_cost < there_cost * (1.0 - 1e-9) else route

@@ -1,4 +1,4 @@
-"""``pareto.csv`` and ``pareto_routes.csv`` of a run folder: written, and read back."""
+"""Read and write ``pareto.csv`` and ``pareto_routes.csv`` of a run folder."""
 
 import csv
 import io
@@ -38,7 +38,7 @@ _LATER_COLUMNS = {"mission_time_s", "mission_energy_hover_s", "sorties", "vehicl
 ROUTE_COLUMNS = ("index", "waypoint", "east_m", "north_m", "up_m")
 """Columns of ``pareto_routes.csv``."""
 PART_COLUMN = "part"
-"""Its last column where vehicles have parts of the area: the number of the part, from 1."""
+"""Its last column if vehicles have parts of the area: the number of the part, from 1."""
 
 
 def pareto_csv(plan: Plan) -> str:
@@ -78,7 +78,7 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
     """The routes of a Pareto set, by their index.
 
     Raises:
-        InputError: a column is missing, a number is none, or the rows are not in their order; says in which line.
+        InputError: a column is missing, a value is not a number, or the rows are out of order; names the line.
     """
     routes: list[list[list[float]]] = []
     begins: list[list[int]] = []
@@ -108,17 +108,17 @@ def read_pareto_routes(text: str, *, source: str) -> list[Route]:
 
 @dataclass(frozen=True, slots=True)
 class ParetoRow:
-    """A member of the Pareto set as its file has it."""
+    """A row of ``pareto.csv``: one member of the Pareto set."""
 
     index: int  # its number, for ``select RUN index:N``
-    coverage_of_coverable: float  # share of what can be seen, 0..1
+    coverage_of_coverable: float  # fraction of the visible ground, 0..1
     waypoint_count: int  # how many waypoints
     path_length_m: float  # length of the open path in three dimensions
     flight_time_s: float  # of the route alone
-    # of the whole mission from home; none without a home, or in the file of an older version
+    # of the whole mission from home; None without a home, or in the file of an older version
     mission_time_s: float | None
-    mission_energy_hover_s: float | None  # battery energy of it, as seconds of hovering; none in the same cases
-    # its sorties, vehicles and makespan, as it would be flown; none where the file has none
+    mission_energy_hover_s: float | None  # its battery energy, in seconds of hovering; None in the same cases
+    # its sorties, vehicles and makespan; None if the file has none
     mission: MissionSize | None
     violation: float  # of the hard limits, 0 when they hold
     made_by: str  # the algorithm or baseline that found it
@@ -144,11 +144,11 @@ class TradeOffAxis:
 def trade_off_axis(
     members: Sequence[ParetoRow], baselines: Sequence[dict[str, Any]], objective: object = None
 ) -> TradeOffAxis:
-    """Mission time where every route has one, otherwise route length; mission energy where that is minimised.
+    """Mission time if every route has one, otherwise route length; mission energy if the plan minimises energy.
 
     Args:
         members: of the Pareto set.
-        baselines: as ``plan.json`` has them.
+        baselines: of ``plan.json``.
         objective: of ``plan.json``; plans of older versions have none.
     """
     label, key = "mission time, minutes", "mission_time_s"
@@ -168,7 +168,7 @@ def read_pareto(path: Path) -> tuple[ParetoRow, ...]:
     """The members in the order of the file.
 
     Raises:
-        InputError: the file cannot be read, or a row is not one of a Pareto set; says which.
+        InputError: the file cannot be read, or a row is invalid; names the row.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -188,7 +188,7 @@ def _float_or_none(text: str | None) -> float | None:
 
 
 def _size(row: dict[str, str]) -> MissionSize | None:
-    """Sorties, vehicles and makespan of a row, where it has them."""
+    """Sorties, vehicles and makespan of a row; None without these columns."""
     if not row.get("sorties"):
         return None
     return MissionSize(sorties=int(row["sorties"]), vehicles=int(row["vehicles"]), makespan_s=float(row["makespan_s"]))

@@ -1,4 +1,4 @@
-"""Files of a plan in its run folder, with the bounds it is held against and its fleet's flights."""
+"""Files of a plan in its run folder, with bounds and the flights of its fleet."""
 
 import dataclasses
 import math
@@ -44,26 +44,26 @@ def save_plan(
     site: Site,  # the scenario on its ground
     result: Plan,  # the plan
     *,
-    compiled: CompiledMission | None,  # its mission, none when there is none or several
+    compiled: CompiledMission | None,  # its mission; None without one, or if there are several
     autopilot: AutopilotName,  # for whom the mission files are
     seed: int,  # of every random number
     command: Sequence[str],  # the command line, for ``run.json``
-    # its flights when there are several; each gets a run folder of its own inside this one
+    # its flights if there are several; each gets a run folder inside this one
     sorties: Sequence[Sortie] = (),
     fleet: dict[str, Any] | None = None,  # what ``plan.json`` says of several vehicles
-    proved: dict[str, Any] | None = None,  # its :func:`bounds`; default: what there is of them without a plan
+    proved: dict[str, Any] | None = None,  # its :func:`bounds`; default: the bounds that need no plan
     # as ``plan.json`` of the same Pareto set has them already; default: the plan's
     baselines: Sequence[dict[str, Any]] | None = None,
     # of the scenario of a whole fleet, for the plan of one of its vehicles; default: the site's
     scenario_sha256: str | None = None,
 ) -> RunFolder | None:
-    """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
+    """Write the scenario, the Pareto set, the selected route and its mission files, all or none.
 
-    Files of an older plan in the same folder are removed too: its mission, upload, sorties and gap mission; a
-    plan that was flown is moved, whole, into a folder ``older-N``.
+    Remove the files of an older plan in the folder: mission, upload, sorties and gap mission. Move a plan that was flown to a
+    folder ``older-N``.
 
     Returns:
-        where the older plan and its flight are now; none when there was no flight.
+        The new folder of the older plan and its flight; None without a flight.
     """
     scenario = dump_scenario(site.scenario)
     limits = bounds(site) if proved is None else proved
@@ -103,7 +103,7 @@ def save_plan(
 def _recorded(
     run: RunFolder, about: dict[str, Any], texts: Mapping[str, str], *, moved: Mapping[str, str] | None = None
 ) -> str:
-    """``run.json`` of a new plan: what it read, wrote and moved comes after what is recorded of older ones."""
+    """``run.json`` of a new plan, appended to the record of older ones."""
     older = run_document(run).get("provenance", [])
     wrote = {name: sha256_of_content(text) for name, text in texts.items()}
     document = with_entry(
@@ -134,7 +134,7 @@ def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
 
 
 def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
-    """A plan with a sortie's part of the chosen route, judged by itself, from the home of its vehicle."""
+    """A plan with one sortie of the selected route, evaluated separately, from the home of its vehicle."""
     member = judge_member(judged, sortie.route, whole.chosen.origin, margin_m=0.0)
     return dataclasses.replace(whole, chosen=member, members=(member,), baselines=(), by_vehicles=())
 
@@ -165,7 +165,7 @@ def _run_document(
 
 
 def _surface_document(site: Site) -> dict[str, Any]:
-    """The surface model, where there is one."""
+    """The surface model, if any."""
     if not site.ground.surface_sha256:
         return {}
     return {
@@ -183,27 +183,27 @@ def _version(name: str) -> str | None:
 
 
 def least_length_m(site: Site, rule: str) -> float | None:
-    """The largest lower bound on path length for the coverage of a selection rule; none where none applies.
+    """The largest lower bound on path length for the coverage of a selection rule; None without one.
 
     Raises:
-        InputError: the rule cannot be understood.
+        InputError: the rule is invalid.
     """
     proved = [prover.least_length_m(site, rule) for prover in loaded("uavcover.bounds").values()]
     return max((length_m for length_m in proved if length_m is not None), default=None)
 
 
 def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = None) -> dict[str, Any]:
-    """Known bounds on any plan, and references to measure it by: ``bounds`` of ``plan.json``.
+    """Known bounds on any plan, and reference values: ``bounds`` of ``plan.json``.
 
-    ``coverable_fraction``: share of the area that some allowed place sees (tried places: at least this much).
-    ``length_reference_m``: area of the map over the width of flat ground that the sensor sweeps; a reference, no bound,
-    because slopes widen the swath. Only for sensors that look along the path.
-    ``shortest_path_m``, ``fewest_waypoints``, ``most_coverage``: what the installed provers prove, and what was found.
+    - ``coverable_fraction``: fraction of the area that permitted positions observe; a lower limit if only some were tried.
+    - ``length_reference_m``: map area divided by the swath width on flat ground. It is not a bound, because slopes widen the
+      swath. Only for sensors that observe along the path.
+    - ``shortest_path_m``, ``fewest_waypoints``, ``most_coverage``: results of the installed provers.
 
     Args:
         site: the scenario on its ground.
         result: a plan; without one nothing is proved.
-        time_s: for the proofs; 0: those that take no solver; none: what is quick.
+        time_s: for the proofs; 0: only those without a solver; None: the quick ones.
     """
     coverage = fleet_map(site)
     found: dict[str, Any] = {"coverable_fraction": coverage.share(coverage.coverable)}
@@ -217,11 +217,11 @@ def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = Non
 
 
 def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | None:
-    """``fleet`` of ``plan.json``; none for one vehicle.
+    """``fleet`` of ``plan.json``; None for one vehicle.
 
     Args:
         site: the scenario on its ground.
-        flights: as :func:`uavcover.missions.flights.compile_flights`; none when there is no mission.
+        flights: as :func:`uavcover.missions.flights.compile_flights`; None when there is no mission.
     """
     fleet = site.scenario.fleet
     if fleet.vehicles == 1:
@@ -254,7 +254,7 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
 def _landings_of_one(site: Site, flights: Sequence[Sortie]) -> int:
     """Number of landings of one vehicle between these sorties.
 
-    It lands after each; where they are parts of the area, only for a new battery.
+    It lands after each; between parts of the area it lands only for a new battery.
     """
     longest_s = site.scenario.vehicle.longest_flight_s
     if not groups_of(site.scenario):
@@ -265,7 +265,7 @@ def _landings_of_one(site: Site, flights: Sequence[Sortie]) -> int:
 
 
 def _parts(site: Site, flights: Sequence[Sortie]) -> dict[str, Any]:
-    """Waypoints of each part of the area, and its vehicles; nothing where all cover the whole area together."""
+    """Waypoints of each part of the area, and its vehicles; empty if all vehicles cover the whole area together."""
     rows = []
     for group in groups_of(site.scenario):
         own = [flight for flight in flights if flight.vehicle in group]
@@ -275,7 +275,7 @@ def _parts(site: Site, flights: Sequence[Sortie]) -> dict[str, Any]:
 
 
 def _at_once_s(site: Site, flights: Sequence[Sortie]) -> float:
-    """Time at which vehicles that differ would be done if they need not keep apart."""
+    """Finish of different vehicles without separation from each other."""
     each_s = {
         number: [f.compiled.flight_time_s for f in flights if f.vehicle == number]
         for number in {flight.vehicle for flight in flights}
@@ -285,7 +285,7 @@ def _at_once_s(site: Site, flights: Sequence[Sortie]) -> float:
 
 
 def _homes(site: Site) -> list[dict[str, float]] | None:
-    """Home of each vehicle, vehicle 1 first; none where all start at [home]."""
+    """Home of each vehicle, vehicle 1 first; None if all start at [home]."""
     homes = []
     for own in vehicle_sites(site):
         if own.frame is not None and own.home_m is not None:
@@ -313,7 +313,7 @@ def _start_s(flight: Sortie) -> float:
 
 
 def say_fleet(user: User, document: dict[str, Any] | None) -> None:
-    """The table of the vehicles, and what they gain."""
+    """Print the table of the vehicles and the time that they save."""
     if document is None or "by_vehicle" not in document:
         return
     for number, pad in enumerate([] if document["launch_points"] else document["homes"] or [], start=1):

@@ -31,15 +31,15 @@ from uavcover.sensing.site_maps import in_blocks
 _log = logging.getLogger(__name__)
 
 _LEAST_SEARCH_S = 1e-3
-"""Of a search whose time has passed before it begins: it takes the first route."""
+"""Time of a search that starts after its deadline: it takes the first route."""
 _LEAST_S, _LEAST_EACH_S = 6.0, 1.5
-"""Time with which a fleet's area is divided at all: together, and of each vehicle. With less, one route is found sooner."""
+"""Least time to divide a fleet's area: in total, and per vehicle. With less, one route is found sooner."""
 _SEVERAL_S, _SEVERAL_EVALUATIONS = 4.0, 300
-"""Time and evaluations of each vehicle with which it is divided more than once."""
+"""Least time and evaluations per vehicle to divide it more than once."""
 _ARRANGING_S = 0.6
 """Time of each vehicle in which flights are arranged after the search."""
 _PART_EVALUATIONS = 1.75
-"""Evaluations of routes over a vehicle's part that take as long as one of a route over the whole area."""
+"""Evaluations on a vehicle's part that take as long as one on the whole area."""
 _ANOTHER_SEED = 1_000_003
 _LATE = 1.04
 """After this number of budgets a search ends with what it has."""
@@ -47,10 +47,7 @@ _LATE = 1.04
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchRequest:
-    """Request of a search.
-
-    None is taken from the scenario.
-    """
+    """Request of a search. None: the scenario's value."""
 
     seed: int | None = None  # of every random number
     # full route evaluations, 50 proposals of the local search counted as one; equal seed and evaluations give an equal
@@ -62,17 +59,17 @@ class SearchRequest:
     algorithm: str | type | None = None
     max_waypoints: int | None = None  # of the routes, or of the nodes where the encoding is "waypoints"
     select: str | None = None  # the rule by which one route is chosen
-    # into how many parts a large area is divided, or "auto"; see :class:`uavcover.model.scenario.PlannerSettings`
+    # number of parts of a large area, or "auto"; see :class:`uavcover.model.scenario.PlannerSettings`
     parts: int | Literal["auto"] | None = None
     workers: int | None = None  # threads; the result does not depend on it. None: one a core.
-    # who searches in the parts, see :func:`uavcover.run.scheduling.workers_of`; the result does not depend on it. None:
-    # threads.
+    # the scheduler that searches the parts, see :func:`uavcover.run.scheduling.workers_of`; the result does not depend on it.
+    # None: threads.
     scheduler: str | None = None
-    # what planning may take here, in all processes together: a large area is divided into more parts, and fewer are
-    # searched at a time, as far as that needs it. None: no limit.
+    # memory limit of all local processes together. It may divide a large area into more parts, and search fewer at a time.
+    # None: no limit.
     memory_bytes: int | None = None
     autopilot: str | None = None  # for whom the missions are
-    # when the command began whose time the budget is, by the monotonic clock; none: when the search begins
+    # start of the command to which the budget applies, by the monotonic clock; None: start of the search
     begun_s: float | None = None
 
 
@@ -105,7 +102,7 @@ class LargeAreas(Protocol):
         kept: Path | None,
         or_sorties: bool,
     ) -> Plan:
-        """Plan a site in more than one part; ``or_sorties``: a part may be a flight each, where that is worth it."""
+        """Plan a site in more than one part; ``or_sorties``: a part may be one flight if that is better."""
         ...
 
 
@@ -117,19 +114,19 @@ def plan(
     on_progress: Callable[[SearchProgress], None] = lambda _: None,
     kept: Path | None = None,
 ) -> Plan:
-    """Plan the sensing route; of vehicles that have parts of the area, the route of each part.
+    """Plan the sensing route; for vehicles with parts of the area, one route for each part.
 
     Args:
         site: the scenario on its ground.
-        request: how to search.
-        should_stop: asked after every round of the search; the best so far is returned.
+        request: settings of the search.
+        should_stop: called after every round of the search; the best route so far is returned.
         on_progress: called after every round.
-        kept: folder where the routes of parts are kept as they are found, for a process that continues after this one.
+        kept: folder for finished routes of parts, for a later process that continues.
 
     Raises:
         InfeasibleError: no route keeps the limits.
         InputError: a value of the request is out of range.
-        OptimizerError: the optimizer cannot be found, is none, or fails.
+        OptimizerError: the optimizer cannot be found, is invalid, or fails.
     """
     return plan_and_site(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)[0]
 
@@ -143,9 +140,9 @@ def plan_and_site(
     kept: Path | None,
     stops: StopRequests | None = None,
 ) -> tuple[Plan, Site]:
-    """As :func:`plan`; and the site as it was judged: in blocks, where a large area was planned in parts.
+    """As :func:`plan`; also return the site, which is divided into blocks if a large area was planned in parts.
 
-    ``stops`` ends a search that goes on for too long after its end.
+    ``stops`` ends a search that exceeds its time by too much.
     """
     autopilot = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     if request.budget_s is not None and not request.budget_s > 0.0:
@@ -209,10 +206,10 @@ def plan_and_site(
 
 
 def _may_be_shared_out(site: Site, request: SearchRequest, rule: str) -> bool:
-    """Whether a fleet's area is divided among its vehicles before the search.
+    """Whether to divide a fleet's area among its vehicles before the search.
 
-    They are alike but for their homes, and one flight each is enough. Else, and where the rule names no coverage or limits
-    the mission, one route is searched for and split.
+    The vehicles must differ only in their homes, and one flight each must suffice. Otherwise, or if the rule names no coverage or
+    limits the mission, one route is planned and split.
     """
     scenario = site.scenario
     kinds = {dataclasses.replace(each, home=None, link=None, system_id=None) for each in scenario.vehicles}
@@ -231,7 +228,7 @@ def _plan_one(
     kept: Path | None,
     stops: StopRequests | None = None,
 ) -> tuple[Plan, Site]:
-    """Plan one route over the area of a site, and return the site as it was judged."""
+    """Plan one route over the area of a site, and return the site on which it was evaluated."""
     algorithm, budget_s, workers = request.algorithm, request.budget_s, request.workers
     planners = get_args(PlannerAlgorithm)
     known = algorithm is None or algorithm in planners
@@ -240,7 +237,7 @@ def _plan_one(
             f"algorithm: unknown algorithm {algorithm!r}; use {', '.join(planners)}, one of the optimizers "
             f"{', '.join(name for name in ALGORITHMS if name not in planners)}, or module:Class"
         )
-    # Another optimizer stands in the place of a plain one.
+    # Another optimizer replaces a plain one.
     settings = _settings(site.scenario.planner, request, algorithm=algorithm if known else "imodbo")
     if workers is not None and workers < 1:
         raise InputError(f"workers: must be at least 1, not {workers}")
@@ -289,13 +286,13 @@ def _plan_one(
             raise
         raise InfeasibleError(f"{error}, or use a larger --budget") from error
     finally:
-        # Where the search was ended from outside, some of its work may still be done or wait.
+        # If the search was ended from outside, some of its work may still be running or waiting.
         executor.shutdown(wait=False, cancel_futures=True)
     return result, site
 
 
 def _division(site: Site, settings: PlannerSettings, request: SearchRequest) -> Division:
-    """One piece with all threads, unless the request is for parts, workers or a limit of memory."""
+    """One piece with all threads, unless the request sets parts, workers or a memory limit."""
     if settings.parts == 1 and request.memory_bytes is None:
         return Division(1, request.workers or os.cpu_count() or 1, request.scheduler)
     option = "planner.parts" if settings.parts != 1 else "--memory"

@@ -22,10 +22,10 @@ from uavcover.sensing.pictures import planned_poses, takes_pictures
 from uavcover.sensing.site_maps import judging_map
 
 _TELLING_GAP = 0.3
-"""A bound that is farther below the route says of the bound that it is weak, and nothing of the route."""
+"""A larger gap shows that the bound is weak, not that the route is bad."""
 _MOST_SHARES = 6
 _MOST_RETURNS = 6
-"""Intervals of unsafe returns that are said on the console."""
+"""Intervals of unsafe returns that are printed."""
 _SHOWN_ZONES = 6
 _NEARLY_ALL = 0.999
 _FLOWN_EXACTLY_M = 3.0
@@ -33,12 +33,12 @@ _FLOWN_EXACTLY_M = 3.0
 
 
 def progress_in_words(progress: SearchProgress, unit: str, least: float | None) -> str:
-    """Coverage, the shortest route with the required coverage, and its gap to the lower bound, where known.
+    """Coverage, the shortest route with the required coverage, and its gap to the lower bound, if known.
 
     Args:
         progress: of the search.
-        unit: of the length, time or energy that is minimised.
-        least: what no route can beat, in that unit.
+        unit: of the minimised length, time or energy.
+        least: lower bound in that unit.
     """
     words = f"{100.0 * progress.best_coverage:.1f} %"
     if progress.least_cost is not None:
@@ -49,7 +49,7 @@ def progress_in_words(progress: SearchProgress, unit: str, least: float | None) 
 
 
 def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie]) -> None:
-    """Say what is flown, what it needs, and who made the route."""
+    """Print the planned flight, its requirements, and the origin of the route."""
     if flights:
         flown_s = [flight.compiled.flight_time_s for flight in flights]
         words = f"{counted(len(flights), 'flight')}, {math.fsum(flown_s) / 60.0:.1f} min in the air"
@@ -75,7 +75,7 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
 
 
 def search_in_words(evaluations: int, algorithm: str, *, beaten: bool) -> str:
-    """Work of a search and whether it found the route; ``beaten`` where the chosen route is a baseline."""
+    """Work of a search and whether it found the route; ``beaten`` if the selected route is a baseline."""
     if evaluations == 0 and beaten:
         return f"{algorithm} had no time to search; increase --budget"
     return f"{counted(evaluations, 'evaluation')} of {algorithm}" + (" found no better route" if beaten else "")
@@ -90,16 +90,16 @@ def _listed(shares: Sequence[str]) -> str:
 def say_plan(
     user: User, run: RunFolder, site: Site, result: Plan, bounds: Sequence[str], wall_s: float, *, asked: str
 ) -> None:
-    """Say what was chosen beside the baselines, what is proved, and what was missed.
+    """Print the selected route with the baselines, the proved bounds, and missed requirements.
 
     Args:
         user: receives the output.
-        run: where it was written.
+        run: folder of the plan.
         site: the scenario on its ground.
         result: the plan.
-        bounds: what is proved, a line each.
-        wall_s: what it took.
-        asked: what the chosen route was to meet.
+        bounds: proved bounds, one per line.
+        wall_s: duration.
+        asked: requirement on the selected route.
     """
     objective = site.scenario.objective
     user.say(figures_header(objective))
@@ -108,7 +108,7 @@ def say_plan(
     tuned = [member for member in result.baselines if member.origin != "boustrophedon"]
     rule = parse_rule(result.rule)
     if tuned and rule.kind != "index":
-        # The one that the same rule would have chosen: what the optimizer has to beat.
+        # The baseline that the rule would select, for comparison.
         tuned = [tuned[select(tuned, rule).index]]
     for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
         user.say(figures_in_words(label, member, objective))
@@ -125,7 +125,7 @@ def say_plan(
 
 
 def telling_bounds(site: Site, bounds: dict[str, Any]) -> dict[str, Any]:
-    """The bounds that say something of the plan: near what was found, and of what the planner makes small."""
+    """The informative bounds: close to the result, and on the planner's objective."""
     length = site.scenario.objective == "length"
     return {
         name: entry
@@ -136,13 +136,13 @@ def telling_bounds(site: Site, bounds: dict[str, Any]) -> dict[str, Any]:
 
 
 def say_older(user: User, older: RunFolder | None) -> None:
-    """Say where a plan that was flown is, when another one has taken its place."""
+    """Print the folder of a flown plan that another one has replaced."""
     if older is not None:
         user.warn(f"moved the previous plan, which was flown, to {older}, with its flight and verdict")
 
 
 def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:
-    """Say which mission files there are, and from where the autopilot's own return is not safe."""
+    """Print the mission files, and the parts from which the autopilot's own return is not safe."""
     if compiled is not None:
         _say_return(user, compiled, "")
         user.say(f"wrote {run.file('mission.waypoints')}, with mission.plan, fence, rally and kml in the same folder")
@@ -162,12 +162,12 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
 
 
 def upload_in_words(run: RunFolder, fleet: dict[str, Any] | None, sorties: int) -> str:
-    """The command that uploads a plan: to all vehicles that fly at once, or its first flight.
+    """The command that uploads a plan: to all vehicles of a simultaneous flight, or its first flight.
 
     Args:
         run: its folder.
         fleet: of ``plan.json``.
-        sorties: how many flights there are, 0 or 1 for one.
+        sorties: number of flights; 0 or 1: a single flight.
     """
     count = 1
     if fleet is not None and not fleet.get("one_at_a_time", False):
@@ -179,19 +179,19 @@ def upload_in_words(run: RunFolder, fleet: dict[str, Any] | None, sorties: int) 
 
 
 def say_size(user: User, plan: Plan) -> None:
-    """Say when other numbers of vehicles would be done."""
+    """Print the finish for other numbers of vehicles."""
     if line := sizes_by_vehicles_in_words([dataclasses.asdict(each) for each in plan.by_vehicles]):
         user.say(line)
 
 
 def sizes_by_vehicles_in_words(sizes: Sequence[dict[str, Any]]) -> str:
-    """The same route by fewer vehicles and by all, as ``mission.by_vehicles`` of ``plan.json`` has it; empty for one number."""
+    """The finish with fewer vehicles and with all (``mission.by_vehicles``); empty for one number."""
     each = [f"{size['vehicles']} in {size['makespan_s']:.0f} s (sorties: {size['sorties']})" for size in sizes]
     return f"mission time of this route by number of vehicles: {', '.join(each)}" if len(each) > 1 else ""
 
 
 def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
-    """Say what no-fly zones keep from the route."""
+    """Print how no-fly zones affect the route."""
     scenario, area = site.scenario, flyable_area(site)
     window, timed = scenario.flight_window, sum(zone.entry.has_times for zone in site.zones)
     if window is not None and site.other_zones:
@@ -220,11 +220,11 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
 
 
 _LEAST_BEYOND = 5e-5
-"""Share of the area: steps outside it do not matter, and less than this is written as 0.00 %."""
+"""Fraction of the area below which steps do not matter; it would be printed as 0.00 %."""
 
 
 def say_steps(user: User, site: Site) -> None:
-    """Warn of ground on the other side of steps that are higher than the height band is wide."""
+    """Warn of ground behind steps that are higher than the height band."""
     limits, area = site.scenario.limits, flyable_area(site)
     if area.undivided is None:
         return
@@ -240,7 +240,7 @@ def say_steps(user: User, site: Site) -> None:
 
 
 def say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
-    """Warn of flights that do not fit into the time for which the no-fly zones were looked at."""
+    """Warn of flights outside the time for which the no-fly zones were checked."""
     window = site.scenario.flight_window
     if window is None or not flights or not (site.zones or site.other_zones):
         return
@@ -255,7 +255,7 @@ def say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
 
 
 def say_hidden(user: User, site: Site) -> None:
-    """Say what the surface model hides."""
+    """Print the ground that the surface model hides."""
     share = judging_map(site).grid.hidden_share
     if share > 0.0:
         user.say(f"trees and roofs of the surface model hide {percent(share)} of the ground, so no route can cover it")

@@ -57,7 +57,7 @@ __all__ = ["Effort", "SearchProgress", "plan_routes"]
 _log = logging.getLogger(__name__)
 
 CONSTRUCTED_SHARE = 0.25
-"""At most this share of the first population is constructed routes; the rest is sampled by the optimizer itself."""
+"""At most this fraction of the first population is constructed routes; the rest is sampled by the optimizer itself."""
 
 _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
     "memetic": ("imodbo", SHARES.optimizer),
@@ -67,7 +67,7 @@ _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
     "nsga2": ("nsga2", 1.0),
     "moead": ("moead", 1.0),
 }
-"""Optimizer of an algorithm, and its share of the evaluations or the time; the rest is local search.
+"""Optimizer of an algorithm, and its fraction of the evaluations or the time; the rest is local search.
 
 One round, which only samples, there always is, unless baselines keep the limits and it alone would take longer than that time.
 """
@@ -166,18 +166,17 @@ def plan_routes(
 ) -> Plan:
     """Plan the sensing route of a site.
 
-    The search uses the planner's cells; every reported route is judged on the finer cells of the area. The
-    choice is made among the search's Pareto set and the baselines, so it is never worse than these at the coverage that
-    is required.
+    The search uses the planner's cells; every reported route is judged on the finer cells of the area. The choice is made among
+    the search's Pareto set and the baselines, so it is never worse than these at the coverage that is required.
 
     Args:
         site: the scenario on its ground.
         settings: algorithm, encoding and seed.
         select_rule: see :mod:`uavcover.planner.selection_rule`.
         effort: when to stop.
-        executor: evaluates routes side by side; the result does not depend on it.
-        should_stop: asked before every round; the best so far is returned. There always is one: a baseline, or the
-            first round, which is then not left out.
+        executor: evaluates routes in parallel; the result does not depend on it.
+        should_stop: called before every round; the best so far is returned. There always is one: a baseline, or the first
+            round, which is then not left out.
         on_progress: called after every round.
         snapshots: given what was found at its moments, and at the end: baselines first.
         own: another optimizer in place of ``settings.algorithm``, for the whole search, as
@@ -206,7 +205,7 @@ def plan_routes(
     coarse = planning_map(site)
     goal = None
     if rule.required_coverage is not None:
-        # The rule speaks of what is coverable, the objectives of the whole area.
+        # The rule speaks of the visible ground, the objectives of the whole area.
         goal = rule.required_coverage * coarse.share(coarse.coverable)
     other_lines = share < 1.0 and settings.encoding == "swaths"
     baseline_share = SHARES.baselines_before_lines if other_lines else SHARES.baselines
@@ -385,7 +384,7 @@ def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | N
 
 
 def _shared(effort: Effort, share: float, started: float) -> Effort:
-    """A share of the evaluations, or of the time, from now on."""
+    """A fraction of the evaluations, or of the time, from now on."""
     budget_s = None if effort.budget_s is None else effort.now() - started + share * effort.budget_s
     return dataclasses.replace(effort, evaluations=int(share * effort.evaluations), budget_s=budget_s)
 

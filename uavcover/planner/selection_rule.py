@@ -1,7 +1,7 @@
-"""Selection of one route from a Pareto set by a named rule, with conditions on how it would be flown.
+"""Selection of one route from a Pareto set by a named rule, with conditions on its missions.
 
-Sorties, vehicles and makespan of the routes, split into flights and allocated as they would be flown, have a say in the choice:
-several vehicles are to be done soon, and a rule may limit them.
+For several vehicles, the choice depends on sorties, vehicles and makespan of the routes after splitting and allocation. A rule
+may limit them.
 """
 
 import dataclasses
@@ -36,7 +36,7 @@ class Choice:
     """The chosen member."""
 
     index: int  # its number in the set
-    met: bool  # whether the rule could be met; False when the required coverage is out of reach and the best was taken
+    met: bool  # whether the rule is met; False if the required coverage is out of reach
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Condition:
     most: float  # a number, or seconds
 
     def excess(self, size: MissionSize | None) -> float:
-        """Excess of a mission over its limit, as a share of it; infinite without a mission."""
+        """Excess of a mission over its limit, as a fraction of it; infinite without a mission."""
         if size is None:
             return math.inf
         value = {"sorties": size.sorties, "vehicles": size.vehicles, "done": size.makespan_s}[self.what]
@@ -58,22 +58,22 @@ class Condition:
 class Rule:
     """A parsed rule: ``weighted[:w1,w2,w3]``, ``knee``, ``max-coverage``, ``coverage>=X`` or ``index:N``, and conditions."""
 
-    text: str  # as it was written
+    text: str  # as written
     kind: str  # the word before the parameters
     numbers: tuple[float, ...] = ()  # the parameters
-    conditions: tuple[Condition, ...] = ()  # on how the route would be flown; known once it is cut into sorties
+    conditions: tuple[Condition, ...] = ()  # on the missions of the route; known after it is split into sorties
 
     @property
     def required_coverage(self) -> float | None:
-        """The share of the coverable area that the rule asks for, if it asks for one."""
+        """The required coverage of the visible ground, if the rule has one."""
         return self.numbers[0] if self.kind == "coverage" else None
 
 
 def parse_rule(text: str) -> Rule:
-    """Parse a selection rule, such as ``coverage>=0.98,sorties<=3,done<=40m``; conditions alone are those of ``max-coverage``.
+    """Parse a selection rule, such as ``coverage>=0.98,sorties<=3,done<=40m``; conditions alone imply ``max-coverage``.
 
     Raises:
-        InputError: it is none of the rules, or its numbers are out of range.
+        InputError: it is not a rule, or its numbers are out of range.
     """
     rest, conditions = text.strip(), list[Condition]()
     while match := _CONDITION.search(rest):
@@ -136,11 +136,14 @@ def _parse_choice(text: str) -> Rule:
 def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     """Choose by a rule; ties go to the lower number.
 
-    ``weighted``: smallest weighted sum of the objectives, each brought to 0..1 over the set (the paper's section 5.3).
-    ``knee``: nearest to the ideal point after the same scaling. Both look at whole routes: parts of them lie on a straight line
-    to nothing, and would make a knee of what sees half. ``max-coverage``: most coverage, then least cost.
-    ``coverage>=X``: the one of least cost (by default: the shortest) that reaches X of what is coverable; when none does, as
-    ``max-coverage`` and not met; so does an ``index`` outside the set. Conditions are not looked at: :func:`select_flown` does.
+    - ``weighted``: smallest weighted sum of the objectives, each scaled to 0..1 over the set (the paper's section 5.3).
+    - ``knee``: nearest to the ideal point after the same scaling. It considers only whole routes, because their parts lie on a
+      straight line to the origin and would make a half-covered route the knee.
+    - ``max-coverage``: most coverage, then least cost.
+    - ``coverage>=X``: least cost (by default: the shortest) with this coverage of the visible ground; without one, as
+      ``max-coverage`` and not met. The same applies to an ``index`` outside the set.
+
+    Conditions are ignored; use :func:`select_flown` for them.
 
     Raises:
         InputError: an empty set.
@@ -151,12 +154,12 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
 def select_flown(members: Sequence[RouteMember], rule: Rule, *, soonest: bool) -> Choice:
     """Choose by a rule with its conditions among members whose missions are known.
 
-    Only members that keep all conditions are looked at; when none does, the one that exceeds them least, and not met.
+    Only members that keep all conditions are considered; without any, the one that exceeds them least, and not met.
 
     Args:
         members: one without a mission keeps no condition.
-        rule: as :func:`select` takes it.
-        soonest: whether the cost of a route is when all vehicles are done with it.
+        rule: as for :func:`select`.
+        soonest: whether the cost of a route is the finish of all vehicles.
 
     Raises:
         InputError: an empty set.
@@ -194,7 +197,7 @@ def _select(members: Sequence[RouteMember], rule: Rule, costs: Sequence[float]) 
 
 
 def missing_index(rule: Rule, members: int) -> str | None:
-    """That a rule names a number which is not in the set of members, in words; None for any other rule."""
+    """Text for a rule that names a number outside the set of members; None for any other rule."""
     if rule.kind != "index" or rule.numbers[0] < members:
         return None
     return f"{rule.text} does not exist; the set has the members 0 to {members - 1}"
@@ -202,10 +205,10 @@ def missing_index(rule: Rule, members: int) -> str | None:
 
 _FLUKE = 0.0015
 _FLUKE_OF_GOAL = 0.0004
-"""Share of the coverage that other cells may see less, and what may be missing of a required one: cells are a sample."""
+"""Tolerance of coverage on other cells, and of a required coverage, as a fraction: cells are a sample."""
 
 _FLUKE_CELLS = 2.0
-"""Of few cells two more or fewer do not matter."""
+"""Number of cells that do not matter in a small sample."""
 
 _MOST_TRIES = 40
 
@@ -213,16 +216,16 @@ _MOST_TRIES = 40
 def without_flukes(
     members: Sequence[RouteMember], rule: Rule, elsewhere: Callable[[Route], float], *, cells: int
 ) -> list[RouteMember]:
-    """The members without those that a rule would choose for luck: other cells see less of them.
+    """The members without overfitted choices of the rule, whose coverage is lower on other cells.
 
-    Among many routes that just reach a coverage, the cheapest is likely to be one that its cells flatter. Only what the rule
-    would choose is looked at, until one is confirmed; when none is, the one that lacks least stays.
+    Among many routes that barely reach a coverage, the cheapest probably profits from its cells. Only choices of the rule are
+    checked, until one is confirmed; otherwise the one with the smallest shortfall stays.
 
     Args:
-        members: feasible; one at least.
-        rule: by which one of those that nothing dominates will be chosen.
-        elsewhere: share of what can be covered that a route sees on other cells.
-        cells: how many the members were judged on.
+        members: feasible; at least one.
+        rule: selects one of the members that no other dominates.
+        elsewhere: fraction of the visible ground that a route observes on other cells.
+        cells: number of cells on which the members were evaluated.
     """
     few = _FLUKE_CELLS / cells
     left, flukes, met_before = list(members), list[tuple[float, RouteMember]](), False
@@ -243,37 +246,37 @@ def without_flukes(
             return left
         flukes.append((lacking, chosen))
         left = [member for member in left if member is not chosen]
-    # None is confirmed: the best of what was looked at, with all that the rule would not choose before it.
+    # None is confirmed: keep the best of the checked ones, and all that the rule ranks after it.
     best = min(flukes, key=lambda each: each[0])[1] if flukes else None
     return [member for member in members if member is best or all(member is not each for _, each in flukes)]
 
 
 def _scaled(members: Sequence[RouteMember]) -> FloatArray:
-    """(n, 3) objectives, all minimised, brought to 0..1 over the set; 0 where the set has no spread."""
+    """(n, 3) objectives, all minimised, scaled to 0..1 over the set; 0 for a set without spread."""
     values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in members])
     spread = np.ptp(values, axis=0)
     return np.asarray((values - values.min(axis=0)) / np.where(spread > 0.0, spread, 1.0))
 
 
 _MOST_S = 4.0
-"""Processor time for all members of a set, as estimated from their waypoints and vehicles: more is too long beside the search."""
+"""Longest estimated processor time to split all members of a set into flights."""
 
 _MOST_COUNTS = 6
-"""This number of vehicle counts is compared at most."""
+"""Largest number of vehicle counts that are compared."""
 
 
 def with_sizes(
     site: Site,  # the scenario on its ground
-    plan: Plan,  # as it was found
+    plan: Plan,  # from the search
     *,
     autopilot: AutopilotName | None = None,  # for whom; default: the scenario's
     vehicles: int | None = None,  # how many may fly, where they are alike; default: the scenario's
-    limit: CommandTime | None = None,  # time of the command; none: as long as it takes
+    limit: CommandTime | None = None,  # time of the command; None: no limit
 ) -> Plan:
-    """A plan whose members have mission sizes: all, or where that takes long the chosen and the least crowded.
+    """A plan whose members have mission sizes: all, or if that is slow, the chosen one and the least crowded ones.
 
-    Another member may be chosen then: where several vehicles fly, the one with which they are done soonest is the cheapest, and
-    conditions of the rule are of missions. All members that this may concern are cut into flights, as far as there is time.
+    This may change the choice: with several vehicles, the cheapest route is the one that ends first, and conditions of the rule
+    refer to missions. All possible choices are split into flights if there is time.
     """
     rule = parse_rule(plan.rule)
     if site.frame is None or site.home_m is None:
@@ -315,7 +318,7 @@ def with_sizes(
 
 
 def _in_question(members: Sequence[RouteMember], rule: Rule, vehicles: int) -> list[int]:
-    """Numbers of the members that may be chosen for what their missions come to; none where that has no say."""
+    """Numbers of the members that may be chosen because of their missions; empty if missions do not matter."""
     feasible = [k for k, member in enumerate(members) if member.violation <= 0.0]
     if rule.conditions:
         return feasible
@@ -344,7 +347,7 @@ def _by_vehicles(
 
 
 def _worth_sizing(members: Sequence[RouteMember], chosen: int, vehicles: int, most_s: float) -> list[int]:
-    """Members beside the chosen one that are split into flights, the least crowded where there is no time for all."""
+    """Members besides the chosen one to split into flights; the least crowded ones if there is no time for all."""
     new = [k for k, member in enumerate(members) if member.mission is None and k != chosen]
     most_s = min(most_s, _MOST_S)
     whole_s = sum(_seconds(members[k], vehicles) for k in new)
@@ -360,5 +363,5 @@ def _seconds(member: RouteMember, vehicles: int) -> float:
     n = len(member.route)
     if vehicles == 1:
         return 0.003 + 0.0008 * n
-    cuts = 1.5 if vehicles == 2 else 2.0  # for fewer vehicles too, until that is later
+    cuts = 1.5 if vehicles == 2 else 2.0  # for fewer vehicles too, until those are later
     return cuts * (0.01 + 0.002 * n + 1e-5 * n**2)

@@ -1,8 +1,7 @@
 """Set covers on lattice points inside the limits, and the routes through them.
 
-The cells that each point observes are reduced to those of an optimal choice: dominated places and cells that do not affect the
-answer are removed. Covers are greedy or by local search. A cover becomes a route when its places are put in the order of a short
-tour, laid over the terrain where the limits apply to legs.
+Positions that another one dominates, and cells that do not affect the optimum, are removed first. Covers are greedy or found by
+local search. A cover becomes a route in the order of a short tour, laid over the terrain if the limits apply to legs.
 """
 
 from collections.abc import Sequence
@@ -31,13 +30,13 @@ _ROUNDING_M = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Places and the cells they see: set k of :mod:`uavcover.kernels.set_cover` is the cells of place k."""
+    """Positions and the cells they observe: set k of :mod:`uavcover.kernels.set_cover` has the cells of position k."""
 
     places_m: FloatArray  # (p, 3) ENU
     spacing_m: float  # of the lattice
     start: NDArray[np.int64]  # (p + 1,) where the cells of each place begin in ``cells``
-    cells: NDArray[np.int32]  # numbers of the cells that are seen, rising for each place
-    weight: FloatArray  # (n,) share of each cell in what can be covered at all; 0 for one that cannot
+    cells: NDArray[np.int32]  # numbers of the cells that are observed, rising for each place
+    weight: FloatArray  # (n,) fraction of each cell in what can be covered at all; 0 for one that cannot
 
     @property
     def in_words(self) -> str:
@@ -46,21 +45,21 @@ class Candidates:
 
     @property
     def reachable(self) -> float:
-        """Share of what can be covered that all places together see, 0..1."""
+        """Fraction of the visible ground that all positions together observe, 0..1."""
         return float(self.weight[np.unique(self.cells)].sum())
 
     def coverage_of(self, chosen: NDArray[np.int64]) -> float:
-        """Share of what can be covered that some of the places see, 0..1."""
+        """Fraction of the visible ground that some of the positions observe, 0..1."""
         seen = [self.cells[self.start[k] : self.start[k + 1]] for k in chosen]
         return float(self.weight[np.unique(np.concatenate(seen))].sum()) if seen else 0.0
 
 
 def finest_lattice_candidates(coverage: CoverageMap, *, spacing_m: float, most: int) -> Candidates:
-    """The places of a cubic lattice whose spacing is doubled until there are at most ``most`` places."""
+    """The positions of a cubic lattice whose spacing is doubled until at most ``most`` positions remain."""
     reach = horizontal_reach(coverage.sight)
     around, limits = _around(coverage.site, reach), coverage.site.scenario.limits
     band_m = limits.max_height_agl_m - limits.min_height_agl_m
-    # Far too fine a lattice is not even laid out.
+    # Do not lay out a lattice that is far too fine.
     while float(shapely.area(around)) * max(band_m / spacing_m, 1.0) / spacing_m**2 > 8.0 * most:
         spacing_m *= 2.0
     while len(places := _lattice(coverage, spacing_m)) > most:
@@ -69,7 +68,7 @@ def finest_lattice_candidates(coverage: CoverageMap, *, spacing_m: float, most: 
 
 
 def level_candidates(coverage: CoverageMap, *, spacing_m: float, height_agl_m: float) -> Candidates:
-    """The places of a square lattice at one height above ground, counted from the south-west corner of the area."""
+    """The positions of a square lattice at one height above ground, counted from the south-west corner of the area."""
     places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
     up = coverage.site.ground.ups_m(places, height_agl_m)
     known = np.isfinite(up)
@@ -77,7 +76,7 @@ def level_candidates(coverage: CoverageMap, *, spacing_m: float, height_agl_m: f
 
 
 def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: float) -> Candidates:
-    """Given (p, 3) ENU places with what each sees; at least that, for a camera that turns with the legs."""
+    """(p, 3) ENU positions with the cells that each observes; for a camera that turns with the legs, at least these."""
     every = np.arange(coverage.grid.count)
     start, cells = seen_from_each(coverage, places_m, every, whatever_heading(coverage.sight))
     weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
@@ -94,11 +93,11 @@ def seen_from_each(
     Args:
         coverage: the map.
         places_m: (p, 3) ENU, of a vehicle that heads north.
-        among: (k,) numbers of the cells that are looked at, rising.
+        among: (k,) numbers of the cells to consider, rising.
         sight: the sensor.
 
     Returns:
-        (p + 1,) where the cells of each place begin, and the numbers of the cells, rising for each place.
+        (p + 1,) begin of each position's cells, and the numbers of the cells, rising for each position.
     """
     # Importing scipy.spatial takes a while, which other commands need not wait for.
     from scipy.spatial import cKDTree
@@ -122,7 +121,7 @@ def seen_from_each(
 
 
 def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
-    """(p, 3) places of a cubic lattice inside fence and height band; in the middle of a band that has no level of it."""
+    """(p, 3) positions of a cubic lattice inside fence and height band; mid-band if the band contains no level."""
     places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
     low, high = allowed_band_m(coverage.site, places)
     lowest = np.ceil((low - _ROUNDING_M) / spacing_m)
@@ -136,7 +135,7 @@ def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
 
 
 def _lattice_2d(site: Site, reach_m: float, spacing_m: float) -> FloatArray:
-    """(k, 2) places of a square lattice inside the fence from which some of the area may be seen."""
+    """(k, 2) positions of a square lattice inside the fence that may observe some of the area."""
     around = _around(site, reach_m)
     west, south, east, north = shapely.bounds(around)
     corner_e, corner_n = site.area.bounds[:2]
@@ -155,23 +154,25 @@ def _around(site: Site, reach_m: float) -> shapely.Geometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reduced:
-    """A table of :mod:`uavcover.kernels.set_cover`: sets of classes of cells that the same places see."""
+    """A table of :mod:`uavcover.kernels.set_cover`: sets of classes of cells that the same positions observe."""
 
     numbers: NDArray[np.int64]  # (c,) the places that are left, as numbers of the candidates
     start: NDArray[np.int64]  # (c + 1,)
     classes: NDArray[np.int32]  # numbers of classes, rising for each place
-    weight: FloatArray  # (m,) share of each class in what can be covered at all, above 0; each is seen by some place
+    weight: (
+        FloatArray  # (m,) fraction of each class in what can be covered at all, above 0; each is observed by some place
+    )
 
     @property
     def reachable(self) -> float:
-        """Share of what can be covered that all places together see, 0..1."""
+        """Fraction of the visible ground that all positions together observe, 0..1."""
         return float(self.weight.sum())
 
 
 def reduce(candidates: Candidates) -> Reduced:
-    """No choice among the candidates sees more than one as large among the places that are left.
+    """The candidates without those that no optimal cover needs.
 
-    A place whose cells another one sees too is left out; cells that the same places see become one class.
+    A position is removed if another one observes all its cells. Cells that the same positions observe become one class.
     """
     count = candidates.weight.size
     start, cells = _with_cells(candidates.start, candidates.cells, candidates.weight > 0.0)
@@ -180,7 +181,7 @@ def reduce(candidates: Candidates) -> Reduced:
     back, places = kernels.transposed(start, cells, count)
     classes: dict[bytes, int] = {}
     class_of = np.full(count, -1, dtype=np.int32)
-    # One cell stands for its class: the first, so that classes rise where cells do.
+    # The first cell represents its class, so that classes rise with cells.
     stands = np.zeros(count, dtype=bool)
     weight: list[float] = []
     for cell in np.flatnonzero(np.diff(back)):
@@ -197,7 +198,7 @@ def reduce(candidates: Candidates) -> Reduced:
 def _with_cells(
     start: NDArray[np.int64], cells: NDArray[np.int32], keep: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """The table with the cells alone that ``keep`` (n,) marks."""
+    """The table with only the cells marked in ``keep`` (n,)."""
     kept = keep[cells]
     before = np.concatenate([[0], np.cumsum(kept)])
     return before[start], cells[kept]
@@ -217,15 +218,15 @@ _ROUNDING = 1e-9
 
 
 def greedy_cover(reduced: Reduced, coverage: float) -> NDArray[np.int64]:
-    """Numbers of candidates that reach a share of the coverable area, or all that is reachable, chosen greedily."""
+    """Numbers of candidates that reach a fraction of the visible ground, or all that is reachable, chosen greedily."""
     return reduced.numbers[_greedy(reduced, coverage)]
 
 
 def searched_cover(reduced: Reduced, *, steps: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Numbers of few candidates that see everything reachable: greedily, then by local search.
+    """Numbers of few candidates that observe everything reachable: greedily, then by local search.
 
     Args:
-        reduced: the places.
+        reduced: the positions.
         steps: exchanges; 20,000 take about half a second on the paper's scenarios.
         rng: draws them.
     """
@@ -234,12 +235,12 @@ def searched_cover(reduced: Reduced, *, steps: int, rng: np.random.Generator) ->
 
 
 def cut_down(candidates: Candidates, chosen: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """The chosen candidates, reduced to a maximum number by repeatedly removing the one with the least coverage of its own."""
+    """The chosen candidates, reduced to a maximum number by removing the one with the least coverage of its own."""
     return kernels.drop_needless(candidates.start, candidates.cells, candidates.weight, chosen, np.inf, most)
 
 
 def thinned(candidates: Candidates, chosen: NDArray[np.int64], coverage: float) -> NDArray[np.int64]:
-    """The chosen candidates without those that see least alone, while the others reach a share."""
+    """The chosen candidates without those that contribute least, while the others reach a fraction."""
     table = (candidates.start, candidates.cells, candidates.weight)
     return kernels.drop_needless(*table, chosen, coverage, chosen.size)
 
@@ -252,14 +253,14 @@ def _greedy(reduced: Reduced, coverage: float) -> NDArray[np.int64]:
 
 
 def tour_route(site: Site, places_m: FloatArray, *, tolerance_m: float) -> Route:
-    """A short route through all of (k, 3) points, begun at the end nearer to home, or to the origin without one.
+    """A short route through all of (k, 3) points, begun at the end nearer to home, or to the origin without a home.
 
-    Where the mission counts, the ways from home and back count as well.
+    If the mission counts, transit counts as well.
 
     Args:
         site: the scenario on its ground.
         places_m: ENU.
-        tolerance_m: how far the straight legs may leave the wanted height above ground, where they are laid over the terrain.
+        tolerance_m: permitted deviation of the straight legs from the wanted height above ground.
     """
     home_m = FREE_ENDS if site.home_m is None or way_cost_of(site).mission == 0 else site.home_m
     points = places_m[short_tour(places_m, home_m)]

@@ -1,7 +1,7 @@
 """Lay a line on the map over the terrain, around no-fly zones and tall obstacles; join routes by such lines.
 
-Lines over ground that rises faster than a leg may climb break the climb limit or leave the height band. Their stretches that keep
-both are joined by ways over a lattice of places inside the height band: such a way follows a contour, or climbs in zigzags.
+A line over steep ground may exceed the climb limit or leave the height band. Its feasible stretches are joined by paths over a
+lattice of positions inside the height band. Such a path follows a contour or climbs in zigzags.
 """
 
 import itertools
@@ -26,10 +26,10 @@ from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.site import Site, once
 
 PLAIN_TOLERANCE_M = 10.0
-"""How far straight legs may leave their height over the terrain, where nothing else is wanted."""
+"""Default deviation of straight legs from their height over the terrain."""
 
 _MARGIN_M = 0.05
-"""For rounding."""
+"""Tolerance for rounding."""
 _SHORTEST_CROSSING_M = 1e-6
 _SAMPLES = 64
 
@@ -45,7 +45,7 @@ def around_obstacles(
         site: the scenario on its ground.
         polyline_m: (n, 2) east, north corners.
         wanted_agl_m: (n,) wanted height above ground at the corners, linear between them.
-        apart_m: how much farther than the clearance the line stays away.
+        apart_m: additional distance beyond the clearance.
 
     Returns:
         (m, 2) corners, and (m,) wanted heights.
@@ -68,7 +68,7 @@ def around_obstacles(
 def _keep_out(site: Site, apart_m: float) -> shapely.MultiPolygon:
     """Zones to fly around: footprints with their clearance, merged, without courtyards."""
     beside_m = site.scenario.obstacles.clearance_beside_m + apart_m + _MARGIN_M
-    # Mitred corners are nowhere nearer than the clearance; round ones made of chords would be.
+    # Mitred corners keep the clearance everywhere; the chords of round corners would not.
     grown = [prism.footprint.polygon.buffer(beside_m, join_style="mitre") for prism in site.prisms]
     tall = [polygon for polygon, prism in zip(grown, site.prisms, strict=True) if _is_too_tall(site, prism, polygon)]
     parts = shapely.get_parts(shapely.union_all(tall))
@@ -76,7 +76,7 @@ def _keep_out(site: Site, apart_m: float) -> shapely.MultiPolygon:
 
 
 def _is_too_tall(site: Site, prism: Prism, grown: shapely.Polygon) -> bool:
-    """Whether some part of the height band around an obstacle is too low to clear it."""
+    """Whether part of the height band around an obstacle is too low to clear it."""
     limits = site.scenario.limits
     ring = shapely.get_coordinates(shapely.segmentize(grown.exterior, grown.exterior.length / _SAMPLES))
     lowest_ground = float(np.nanmin(site.ground.heights_m(ring), initial=np.inf))
@@ -92,7 +92,7 @@ def _outside(zone: shapely.MultiPolygon, corner: FloatArray) -> FloatArray:
 
 
 def _detour(zone: shapely.MultiPolygon, a: FloatArray, b: FloatArray) -> FloatArray:
-    """(k, 2) corners from a to b, both outside of the zone, along the edges of what is between."""
+    """(k, 2) corners from a to b, both outside the zone, along the edges of the polygons in between."""
     line = shapely.LineString([a, b])
     way = [np.asarray(a)]
     crossed = [part for part in zone.geoms if part.intersection(line).length > _SHORTEST_CROSSING_M]
@@ -122,7 +122,7 @@ def _along(ring: shapely.LineString, entry: FloatArray, exit_: FloatArray) -> Fl
 def inside_flyable_area(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Route a line on the map around no-fly zones that meet the height band, and around the bays of the fence.
 
-    Corners outside of where the route may be move to its edge. Where nothing is in the way, the line as it is.
+    Corners outside the permitted area move to its edge. A line without obstacles does not change.
 
     Args:
         site: the scenario on its ground.
@@ -165,7 +165,7 @@ def flyable_ways(site: Site) -> WayRound:
 
 SAMPLE_SPACING_M = 5.0
 HAIR_M = 1e-6
-"""So much of the band is left free at both ends, so that rounding does not break it."""
+"""Free part of the band at both ends, for rounding."""
 
 
 def lay_over_terrain(
@@ -173,30 +173,31 @@ def lay_over_terrain(
     polyline_m: FloatArray,  # (n, 2) east, north corners
     wanted_agl_m: FloatArray,  # (n,) wanted height above ground at the corners
     *,
-    tolerance_m: float,  # how far the straight chords may leave the wanted height
+    tolerance_m: float,  # permitted deviation of the straight chords from the wanted height
     # of the samples of the ground. At a cliff close ones leave more of the band: each gives up what the ground between
     # it and the next one rises or falls beside their chord.
     spacing_m: float = SAMPLE_SPACING_M,
 ) -> FloatArray:
     """Waypoints over the terrain along a line on the map, inside the scenario's band and climb limit if possible.
 
-    They lead over obstacles, around those that the band does not reach over, and around no-fly zones that meet the band.
+    They lead over obstacles, around obstacles taller than the band, and around no-fly zones that meet the band.
 
     Returns:
-        (m, 3) ENU waypoints, corners among them. Where the ground has no data their height is read from the neighbours:
-        a finite number, so that the route can be compared with others; the leg checks say that data is missing there.
+        (m, 3) ENU waypoints, corners among them. Heights without data are read from the neighbours, so that they are finite
+        and
+        the route can be compared with others; the leg checks report the missing data.
     """
     if len(polyline_m) == 0:
         return np.empty((0, 3))
     polyline_m, wanted_agl_m = inside_flyable_area(site, polyline_m, wanted_agl_m)
     only_one = len(polyline_m) == 1
     if only_one:
-        # All of the line has moved to one corner of where the route may be.
+        # The whole line has moved to one corner of the permitted area.
         polyline_m, wanted_agl_m = np.repeat(polyline_m, 2, axis=0), np.repeat(wanted_agl_m, 2)
-    # A sample's distance farther away nothing is raised over an obstacle.
+    # One sample farther away, nothing is raised over an obstacle.
     polyline_m, wanted_agl_m = around_obstacles(site, polyline_m, wanted_agl_m, apart_m=SAMPLE_SPACING_M)
     limits = site.scenario.limits
-    # Heights are looked at between samples here, and along whole legs by those who judge the route.
+    # Here, heights are checked between samples; the evaluation checks whole legs.
     hair_m = HAIR_M + site.ground.cut_error_m
     points = follow_terrain(
         site.ground.surface,
@@ -204,7 +205,7 @@ def lay_over_terrain(
         np.ascontiguousarray(wanted_agl_m, dtype=float),
         limits.min_height_agl_m + limits.height_margin_m + hair_m,
         limits.max_height_agl_m - limits.height_margin_m - hair_m,
-        # A hair below the limit, so that rounding does not break it.
+        # Slightly below the limit, for rounding.
         math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
         max(tolerance_m, 0.0),
         spacing_m,
@@ -226,7 +227,7 @@ def finite_heights(points_m: FloatArray) -> FloatArray:
 
 
 def allowed_band_m(site: Site, places_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest allowed up coordinate (n,) at (n, 2) places; lowest exceeds highest where nothing is allowed."""
+    """Lowest and highest permitted up coordinate (n,) at (n, 2) positions; lowest exceeds highest if none is permitted."""
     limits = site.scenario.limits
     low = site.ground.ups_m(places_m, limits.min_height_agl_m + limits.height_margin_m)
     high = site.ground.ups_m(places_m, limits.max_height_agl_m - limits.height_margin_m)
@@ -243,7 +244,7 @@ def allowed_band_m(site: Site, places_m: FloatArray) -> tuple[FloatArray, FloatA
 _KICKS_PER_END = 40
 _NEAR = 20
 _STEEP = 4.0
-"""A link that is too steep costs this multiple of the longest one more."""
+"""Extra cost of a link that is too steep, as a multiple of the longest link."""
 
 
 def joined(site: Site, routes_m: Sequence[FloatArray]) -> FloatArray:
@@ -266,14 +267,14 @@ def in_good_order(
 ) -> list[FloatArray]:
     """The routes in an order, and each in a direction, that makes the links between them short.
 
-    Where there is a home a flight may end between two routes and another begin: then a link costs itself and the way home and
-    back from the nearer of its ends. The open tour through all ends, with each route as a link that must stay, is shortened by
-    :func:`uavcover.kernels.tours.shorten`. Flights begin and end close together around home, at different heights: a link that
-    is steeper than legs may be is taken where there is no other.
+    With a home, a flight may end between two routes; a link then costs itself and the transit from the nearer of its ends. The
+    open tour through all ends, with each route as a fixed link, is shortened by :func:`uavcover.kernels.tours.shorten`. Flights
+    begin and end close together around home at different heights, so a link that is too steep is used only without an
+    alternative.
 
     Args:
         routes_m: each (k, 3) ENU.
-        home_m: (3,) take-off position; none without one.
+        home_m: (3,) take-off position; None without one.
         max_climb_angle_deg: steepest link.
     """
     count = len(routes_m)
@@ -288,7 +289,7 @@ def in_good_order(
     climb_m = np.abs(ends[:, None, 2] - ends[None, :, 2])
     steep = climb_m > level_m * math.tan(math.radians(max_climb_angle_deg))
     distance[steep] += _STEEP * (1.0 + float(distance.max()))
-    free = 2 * count  # a place that is near to all: where the tour is open
+    free = 2 * count  # a position near all others, where the tour is open
     links = np.zeros((free + 1, free + 1))
     links[:free, :free] = distance
     if home_m is not None:
@@ -305,26 +306,26 @@ def in_good_order(
 
 
 _SPOTS = 1600
-"""Spots of the lattice on the map; at each there are three places, close to both ends of the height band and between."""
+"""Points of the lattice on the map; each has three positions, near both ends and in the middle of the height band."""
 
 _SHARES = (0.02, 0.5, 0.98)
 _LINKS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1), (1, 3), (3, 1), (1, -3), (3, -1))
-"""Spots that a spot is linked with, and their opposites: some link is within 9 degrees of any contour."""
+"""Neighbours of a lattice point, and their opposites: some link is within 9 degrees of any contour."""
 
 _NEAR_SPOTS = 8
-"""Spots that an end of a stretch is linked with."""
+"""Lattice points that are linked with the end of a stretch."""
 
 
 def mended_routes(
     site: Site, problem: SearchProblem, routes: Sequence[Route], is_over: Callable[[], bool] = lambda: False
 ) -> Iterator[Route]:
-    """Of each route the stretches that keep the limits, joined; nothing for a route without any.
+    """For each route, its feasible stretches, joined; nothing for a route without any.
 
     Args:
         site: the scenario on its ground; its limits apply to legs.
         problem: with these limits.
-        routes: in the order in which they are mended.
-        is_over: whether there is no time left; the first route is always mended.
+        routes: in the order in which they are repaired.
+        is_over: whether the time is over; the first route is always repaired.
     """
     if flyable_area(site).polygon.is_empty:
         return
@@ -338,14 +339,14 @@ def mended_routes(
 
 
 def _stretches(problem: SearchProblem, points_m: FloatArray) -> list[FloatArray]:
-    """The longest rows of (k, 3) waypoints, k >= 2, of an (n, 3) route whose legs keep the limits."""
+    """The longest sequences of (k, 3) waypoints, k >= 2, of an (n, 3) route whose legs keep the limits."""
     kept = np.concatenate([[False], _allowed(problem, points_m[:-1], points_m[1:]), [False]])
     begins, ends = np.flatnonzero(~kept[:-1] & kept[1:]), np.flatnonzero(kept[:-1] & ~kept[1:])
     return [points_m[begin : end + 1] for begin, end in zip(begins, ends, strict=True)]
 
 
 def _allowed(problem: SearchProblem, begins_m: FloatArray, ends_m: FloatArray) -> BoolArray:
-    """(n,) whether the legs between (n, 3) places may be flown."""
+    """(n,) whether the legs between (n, 3) positions keep the limits."""
     return np.asarray(allowed_legs(problem, np.ascontiguousarray(np.hstack([begins_m, ends_m]))))
 
 
@@ -382,7 +383,7 @@ class _Lattice:
         self._links = self._flyable(self._places_m, np.vstack(pairs))
 
     def _flyable(self, places_m: FloatArray, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The (k, 2) pairs of (n, 3) places with a leg that keeps the limits."""
+        """The (k, 2) pairs of (n, 3) positions with a leg that keeps the limits."""
         a, b = places_m[pairs[:, 0]], places_m[pairs[:, 1]]
         return pairs[_allowed(self._problem, a, b)]
 
@@ -419,14 +420,14 @@ class _Lattice:
             between = [places_m[way[-1:]]]
             for a, b in itertools.pairwise(way[::-1]):
                 if min(a, b) >= first and (a - first) // 2 == (b - first) // 2:
-                    # Another stretch is the way.
+                    # The path leads along another stretch.
                     between.append(stretches[(a - first) // 2][1:-1][:: 1 if a < b else -1])
                 between.append(places_m[[b]])
             out += [self._with_few_corners(np.vstack(between))[1:-1], stretches[k]]
         return np.vstack(out)
 
     def _with_few_corners(self, way_m: FloatArray) -> FloatArray:
-        """An (n, 3) way with the longest legs from each place that keep the limits."""
+        """An (n, 3) path with the longest legs from each position that keep the limits."""
         kept = [0]
         while kept[-1] < len(way_m) - 1:
             rest = way_m[kept[-1] + 1 :]

@@ -34,8 +34,8 @@ _SAMPLED = math.sqrt(3.0) - 1.0, math.sqrt(7.0) - 2.0
 _OTHER = math.sqrt(11.0) - 3.0, math.sqrt(13.0) - 3.0
 """Shifts from row to row and from column to column, in cells.
 
-Two different steps: with equal ones, many places would be aligned at 45 degrees. Who judges samples elsewhere than who searches,
-and who tries once more elsewhere than both.
+The steps differ, because equal ones would align many positions at 45 degrees. The evaluation, the search and the final test
+sample different positions.
 """
 
 
@@ -46,8 +46,8 @@ class CellGrid:
     Attributes:
         cells: lattice, centres and normals.
         weight_m2: (n,) area of the ground in each cell: side^2 sqrt(1 + zx^2 + zy^2), slopes at the centre (LIMITS, Eq. 1); of
-            the roof, where an obstacle stands.
-        hidden_m2: area of the ground that the surface model hides; it is in no cell, and counts as not seen.
+            the roof of an obstacle.
+        hidden_m2: area of the ground that the surface model hides; it belongs to no cell and counts as unobserved.
     """
 
     cells: Cells
@@ -81,7 +81,7 @@ class CellGrid:
 
     @property
     def area_m2(self) -> float:
-        """Ground of the whole area, with what is hidden."""
+        """Ground of the whole area, including hidden ground."""
         return float(self.weight_m2.sum()) + self.hidden_m2
 
     @property
@@ -98,22 +98,22 @@ def lattice_shape(site: Site, cell_size_m: float) -> tuple[int, int]:
 
 
 def make_cells(site: Site, cell_size_m: float, *, rows: range | None = None) -> CellGrid:
-    """Divide the area of a site into square cells. A cell belongs to the area when its centre does.
+    """Divide the area of a site into square cells. A cell belongs to the area if its centre does.
 
     Args:
         site: the scenario on its ground.
         cell_size_m: side of a cell.
-        rows: of the lattice, one after the other, whose cells are wanted; none: all. Each cell is the same as among all.
+        rows: consecutive rows of the lattice; None: all. Each cell is the same as among all.
 
     Raises:
         ScenarioError: no cell, or too many.
-        TerrainError: the area reaches outside the elevation data, or into a part without data.
+        TerrainError: the area extends beyond the elevation data, or into a part without data.
     """
     return _cut(site, cell_size_m, rows=rows)
 
 
 def cut_for(site: Site) -> Callable[..., CellGrid]:
-    """Cells on which results are judged: the paper's surface has no pixels, and its cells are their centres."""
+    """Cells of the evaluation grid. The paper's surface has no pixels, and its cells are their centres."""
     if site.targets_m is not None:
         return make_targets
     return make_cells if isinstance(site.scenario.terrain, SineCosineTerrain) else make_sampled_cells
@@ -122,14 +122,14 @@ def cut_for(site: Site) -> Callable[..., CellGrid]:
 def make_sampled_cells(site: Site, cell_size_m: float, *, rows: range | None = None) -> CellGrid:
     """Divide the area in the same way, but represent each cell by another point inside it.
 
-    Elevation files are lattices too. Where cells are as large as pixels, all centres lie at the same place of their pixels: all
-    at the foot of a wall, or all on top of it. On terraces that alone made a coverage wrong by two points.
+    Elevation files are lattices, too. If cells are as large as pixels, all centres have the same position in their pixels, such
+    as the foot or the top of a wall. On terraces, this changed the coverage by two points.
     """
     return _cut(site, cell_size_m, steps=_SAMPLED, rows=rows)
 
 
 def make_targets(site: Site, _cell_size_m: float, *, rows: range | None = None) -> CellGrid:  # noqa: ARG001
-    """A cell of weight 1 for each target of a site, in the nearest free square of a lattice of four times as many."""
+    """A cell of weight 1 for each target, in the nearest free square of a lattice with four times that number."""
     targets = np.empty((0, 2)) if site.targets_m is None else site.targets_m
     corner = targets.min(axis=0)
     sides = np.maximum(np.ptp(targets, axis=0), 1e-3)
@@ -154,25 +154,25 @@ def make_targets(site: Site, _cell_size_m: float, *, rows: range | None = None) 
 
 
 def make_other_cells(site: Site, cell_size_m: float) -> CellGrid:
-    """As :func:`make_sampled_cells`, with other places."""
+    """As :func:`make_sampled_cells`, with other positions."""
     return _cut(site, cell_size_m, steps=_OTHER)
 
 
 def make_refined_cells(site: Site, cell_size_m: float) -> CellGrid:
-    """Divide the area into cells of half the size of judged ones.
+    """Divide the area into cells of half the size of the evaluation grid.
 
-    In each larger cell, one of the four is represented by the same point: a route that sees all of these sees all of those.
+    In each larger cell, one of the four has the same point, so a route that observes all small cells observes all large ones.
     """
     steps = (0.0, 0.0) if cut_for(site) is make_cells else _SAMPLED
     return _cut(site, cell_size_m, steps=steps, spread=_spread_of_halves)
 
 
 def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
-    """Divide the area in the same way, but represent each cell by a point that shifts from row to row and column to column.
+    """Divide the area in the same way, but represent each cell by a point that shifts between rows and columns.
 
-    Between two columns of cell centres an unseen strip up to one cell wide would go unnoticed, and a search would exploit it.
-    Here each row and each column is shifted along itself by an irrational fraction of a cell more than the previous one, so
-    that a line in any direction passes points at all distances.
+    An unobserved strip between two columns of cell centres, up to one cell wide, would not be noticed, and a search would exploit
+    it. Here, each row and column is shifted along itself by an irrational fraction of a cell more than the previous one, so that
+    a line in any direction passes points at all distances.
     """
     return _cut(site, cell_size_m, steps=_SCATTERED)
 
@@ -223,7 +223,7 @@ def _cut(
     slopes = site.ground.gradients(places)
     if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
         raise TerrainError(_missing(site, site.ground, places, ~np.isfinite(up), rows))
-    # The ground under an obstacle cannot be seen: there the cell is part of its flat roof.
+    # The ground under an obstacle cannot be observed: there the cell is part of its flat roof.
     roof = site.ground.roofs_m(places)
     up = np.maximum(up, roof)
     slopes[np.isfinite(roof)] = 0.0
@@ -237,7 +237,7 @@ def _cut(
     sight, skyline = sight_for_cells(site.scenario.sensor), NO_SKYLINES
     if sight.line_of_sight == RAY:
         skyline = skylines(obstacles, centre, horizon, reach_m=reach_m, flattest=1.0 / widest_tangent(sight))
-    # Only a search asks for more rays than close bounds take to find.
+    # Only a search traces enough rays for close bounds to pay off.
     rise = _rises(site, centre, scatter_m, closely=steps == _SCATTERED)
     for array in (index, centre, normal, horizon, weight, rise):
         array.flags.writeable = False
@@ -255,8 +255,8 @@ def _without_hidden(
 ) -> tuple[NDArray[np.bool_], float]:
     """Lattice points that are cells with ground visible from above, and the area of the hidden ground.
 
-    The ground of a cell is hidden where the surface model is more than ``terrain.surface_hides_m`` above it. Elsewhere the two
-    are taken as one: the cell is looked at on the surface. Where an obstacle stands the cell is on its roof.
+    The ground of a cell is hidden if the surface model is more than ``terrain.surface_hides_m`` above it. Otherwise both are
+    treated as one, and the cell is observed on the surface. Below an obstacle, the cell is on its roof.
     """
     terrain = site.scenario.terrain
     if site.ground_model is None or not isinstance(terrain, RasterTerrain):
@@ -307,7 +307,7 @@ def _missing(
     if site.frame is not None:
         lon, lat = site.frame.lon_lat_from_en(first)[0]
         where = f"latitude {lat:.5f}, longitude {lon:.5f}"
-    # Of some rows it is not known how the others are.
+    # For some rows, the others are unknown.
     much = (
         f"{100.0 * missing.mean():.1f} % of its cells" if rows is None else f"{missing.sum():,} of its cells at least"
     )
@@ -319,14 +319,14 @@ def _missing(
 
 @once
 def judged_cell_size_m(site: Site) -> float:
-    """Side of the cells that results are judged on: ``area.cell_size_m``, or less, so that there are ``area.fewest_places``.
+    """Side of the cells of the evaluation grid: ``area.cell_size_m``, or less to get ``area.fewest_places``.
 
-    A cell counts by one place in it, so the coverage of an area of few cells is a small sample: with 8,500 cells its standard
-    deviation is 0.05 points, and a search finds routes that just these places flatter. Where the ground of a few cells weighs as
-    much as that of many, as on cliffs, it is half a point. So an area of few cells is judged on smaller ones.
+    A cell counts by one position, so the coverage of an area with few cells is a small sample. With 8,500 cells, its standard
+    deviation is 0.05 points, and a search finds routes that profit from these positions. If the ground of a few cells weighs as
+    much as that of many, as on cliffs, it is half a point. So an area with few cells is evaluated on smaller ones.
 
-    What counts is how many places of equal weight would be as good a sample: (sum of w)^2 / (sum of w^2). The paper's cells are
-    their centres, and stay as they are.
+    The criterion is the number of positions of equal weight that are as good a sample: (sum of w)^2 / (sum of w^2). The paper's
+    cells are their centres, and do not change.
     """
     area = site.scenario.area
     if isinstance(site.scenario.terrain, SineCosineTerrain):
@@ -335,18 +335,18 @@ def judged_cell_size_m(site: Site) -> float:
 
 
 def is_judged_on_smaller_cells(site: Site) -> bool:
-    """Whether the cells that results are judged on are smaller than ``area.cell_size_m``."""
+    """Whether the cells of the evaluation grid are smaller than ``area.cell_size_m``."""
     return judged_cell_size_m(site) < site.scenario.area.cell_size_m
 
 
 def cell_size_for(site: Site, *, fewest: int, most: int, largest_m: float) -> float:
-    """Side of cells that sample the ground as well as ``fewest`` equal cells, if ``most`` suffice for that.
+    """Side of cells that sample the ground as well as ``fewest`` equal cells, if ``most`` suffice.
 
     Args:
         site: the scenario on its ground.
-        fewest: cells of equal weight.
-        most: number of cells.
-        largest_m: the side is not larger.
+        fewest: number of cells of equal weight.
+        most: largest number of cells.
+        largest_m: largest side.
     """
     area_m2 = site.area.area
     cells = area_m2 / largest_m**2
@@ -358,7 +358,7 @@ def cell_size_for(site: Site, *, fewest: int, most: int, largest_m: float) -> fl
 
 @once
 def evenness(site: Site) -> float:
-    """Share 0..1 of a site's cells: equal cells of this share are as good a sample."""
+    """Fraction 0..1 of a site's cells that, with equal weight, would be as good a sample."""
     size_m = max(site.scenario.area.cell_size_m, math.sqrt(site.area.area / _PROBED))
     weight = make_sampled_cells(site, size_m).weight_m2
     return float(weight.sum() ** 2 / (weight**2).sum() / weight.size)

@@ -1,7 +1,6 @@
-"""Coverage of routes and tracks, and which cells can be covered at all.
+"""Coverage of routes and tracks, and the visible cells.
 
-Observations are those of a level vehicle: position and heading. Whether a cell can be covered is found by trying positions
-around it.
+Observations are positions and headings of a level vehicle. Positions around a cell are tried to find out whether it is visible.
 """
 
 import itertools
@@ -58,10 +57,10 @@ class LevelObservations:
         return cls(places, np.nan_to_num(np.column_stack([np.sin(yaw), np.cos(yaw)])))
 
     def spread_out(self) -> "LevelObservations":
-        """The same observations in another order: each far from the ones before it, until those between them come.
+        """The same observations in another order: first those far from each other, then those in between.
 
-        Neighbours on a path see much the same ground. A few observations all over the map decide most cells, and the others are
-        not asked about these again.
+        Neighbours on a path observe similar ground. A few observations all over the map decide most cells, which then need no
+        further test.
         """
         strides = [np.arange(0, len(self), _FIRST_STRIDE)]
         stride = _FIRST_STRIDE
@@ -73,34 +72,33 @@ class LevelObservations:
 
 
 _FIRST_STRIDE = 64
-"""A power of two: 16 to 256 are equally quick. Against the order of flight they are 1.1 to 2.1 times as quick
-(docs/results/cost.md)."""
+"""A power of two: 16 to 256 are equally fast, 1.1 to 2.1 times as fast as the order of flight (docs/results/cost.md)."""
 
 
 _AT_A_TIME = 100_000
 _MOST_CELLS = 16_000_000
-"""Cells of all kept routes together: as many bytes."""
+"""Cells of all kept routes together, one byte each."""
 Found = TypeVar("Found", bound=NDArray[Any])
 _SAME_PLACE_M = 1e-6
 
 
 class RecentlySeen:
-    """The cells that the latest routes see, by route; the oldest go first. A search rates the same route several times."""
+    """The cells that the latest routes observe, by route, because a search evaluates the same route several times."""
 
     def __init__(self, *, most_cells: int = _MOST_CELLS) -> None:
         self._most_cells = most_cells
         self._seen: OrderedDict[bytes, Any] = OrderedDict()
         self._cells = 0
-        # Routes are judged side by side.
+        # Routes are evaluated in parallel.
         self._lock = threading.Lock()
 
     def knows(self, route_m: FloatArray) -> bool:
-        """Whether it is known what an (n, 3) route sees."""
+        """Whether the observations of an (n, 3) route are known."""
         with self._lock:
             return _key(route_m) in self._seen
 
     def get(self, route_m: FloatArray, find: Callable[[], Found]) -> Found:
-        """(cells,) what an (n, 3) route sees, or (bytes,) of it, read-only; ``find`` is called where that is not known."""
+        """(cells,) observed by an (n, 3) route, or (bytes,) of it, read-only; ``find`` computes them if unknown."""
         key = _key(route_m)
         with self._lock:
             known: Found | None = self._seen.get(key)
@@ -111,7 +109,7 @@ class RecentlySeen:
         return found
 
     def keep(self, route_m: FloatArray, found: NDArray[Any]) -> None:
-        """Keep what an (n, 3) route sees."""
+        """Store the observations of an (n, 3) route."""
         key = _key(route_m)
         found.flags.writeable = False
         with self._lock:
@@ -127,7 +125,7 @@ def _key(route_m: FloatArray) -> bytes:
 
 
 class CoverageMap:
-    """Computes which cells of a site are seen, for one cell size.
+    """Computes which cells of a site are observed, for one cell size.
 
     Attributes:
         site: the scenario on its ground.
@@ -142,7 +140,7 @@ class CoverageMap:
         self._recent = RecentlySeen()
 
     def less_certain(self, *, position_m: float, height_m: float) -> "CoverageMap":
-        """The same cells, of flights whose positions are at least so uncertain."""
+        """The same cells, for flights whose positions are at least this uncertain."""
         known = self.site.scenario.uncertainty
         wider = replace(known, position_m=max(known.position_m, position_m), height_m=max(known.height_m, height_m))
         return SameCells(self, replace(self.site, scenario=replace(self.site.scenario, uncertainty=wider)))
@@ -150,14 +148,14 @@ class CoverageMap:
     def observations(self, route_m: FloatArray) -> LevelObservations:
         """Observations of a sensor on an (n, 3) ENU route: at its waypoints, along its legs, or at trigger points.
 
-        A camera that turns with the legs observes twice from a waypoint between two legs, once along each; but one photo by
-        distance is taken there at most, on the leg that ends.
+        A camera that turns with the legs observes twice from a waypoint between two legs, once along each. A distance-triggered
+        camera takes at most one photo there, on the leg that ends.
         """
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
         return self._observations(route, np.diff(route[:, :2], axis=0))
 
     def _observations(self, route: FloatArray, ways: FloatArray) -> LevelObservations:
-        """Observations on an (n, 3) ENU route; the vehicle points along (n - 1, 2) ways on its legs."""
+        """Observations on an (n, 3) ENU route; the vehicle heads along (n - 1, 2) directions on its legs."""
         if not self.site.scenario.sensor.looks_along_path:
             return LevelObservations.towards_north(route)
         trigger_m = trigger_distance_m(self.site.scenario)
@@ -175,11 +173,11 @@ class CoverageMap:
     def _pictures(self, route: FloatArray, ways: FloatArray, trigger_m: float) -> LevelObservations:
         """Trigger points on an (n, 3) ENU route, each turned along the (n - 1, 2) direction of its leg."""
         legs, places_m = pictures_on(route, trigger_m)
-        headings = np.vstack([ways, np.zeros(2)])[legs]  # a single waypoint has no way
+        headings = np.vstack([ways, np.zeros(2)])[legs]  # a single waypoint has no direction
         return LevelObservations(places_m, np.ascontiguousarray(headings))
 
     def flown_observations(self, route_m: FloatArray) -> LevelObservations:
-        """As :meth:`observations`, where corners are flown as the autopilot flies them, if what is seen depends on that."""
+        """As :meth:`observations`, with corners as the autopilot flies them, if that changes the observations."""
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
         if not self.site.scenario.sensor.looks_along_path:
             return self.observations(places_passed_m(self.site, route))
@@ -188,7 +186,7 @@ class CoverageMap:
         line = line_flown(self.site, route)
         looks = self._observations(line.places_m, line.headings)
         if trigger_distance_m(self.site.scenario) is not None:
-            # The first photo is taken where it stops, before it turns onto its first leg.
+            # The first photo is taken at the stop, before the turn onto the first leg.
             looks.headings[0] = heading_there(self.site, route[0])
         return looks
 
@@ -199,7 +197,7 @@ class CoverageMap:
         if trigger_m is not None:
             return kernels.picture_places(route, trigger_m)[0]
         way_m, at_m = path_lengths_m(route), path_lengths_m(self.observations(route).places_m)
-        # One between two legs is the first one's; the second from the same place, of a camera that turns, is the other's.
+        # One between two legs belongs to the first; the second one from the same position, of a turning camera, to the other.
         again = np.concatenate([[False], np.diff(at_m) == 0.0])
         leg = np.searchsorted(way_m, np.where(again, at_m + _SAME_PLACE_M, at_m - _SAME_PLACE_M)) - 1
         return np.clip(leg, 0, len(way_m) - 2)
@@ -213,14 +211,14 @@ class CoverageMap:
         yield self
 
     def seen_by(self, observations: LevelObservations) -> BoolArray:
-        """(cells,) whether each cell is seen by any of the observations, or by as many as the scenario wants."""
+        """(cells,) whether enough of the observations observe each cell, as the scenario requires."""
         if self.site.scenario.requirements.look_distance_m is None:
-            # In any order the same cells are seen.
+            # The observed cells do not depend on the order.
             observations = observations.spread_out()
         return self.first_seen(observations) >= 0
 
     def first_seen(self, observations: LevelObservations) -> NDArray[np.int64]:
-        """(cells,) number of the observation that completes what the scenario wants of each cell, -1 where none does."""
+        """(cells,) number of the observation that completes the requirement for each cell, -1 if none does."""
         surface, wanted = self.site.ground.surface, self.site.scenario.requirements
         if self.site.scenario.sensor.has_own_view:
             looks = wanted.looks, wanted.look_distance_m or 0.0
@@ -249,13 +247,13 @@ class CoverageMap:
 
     @cached_property
     def coverable(self) -> BoolArray:
-        """(cells,) whether a cell can be seen from an allowed position.
+        """(cells,) whether a cell can be observed from a permitted position.
 
         Every cell is tried from several positions around it (:func:`trial_places`), all inside the fence, the height band and the
-        sea-level limits, outside of no-fly zones and clear of obstacles. A cell that is seen is coverable for certain; any other
-        might be seen from a position that was not tried, so the set is a lower bound.
+        sea-level limits, outside no-fly zones and clear of obstacles. An observed cell is certainly visible. Other cells might be
+        observed from a position that was not tried, so the set is a lower bound.
         """
-        # Cells do not know of each other: what is looked at together only limits the memory.
+        # Cells are independent; blocks only limit the memory.
         pieces = [
             self._can_be_seen(np.arange(first, min(first + _AT_A_TIME, self.grid.count)))
             for first in range(0, self.grid.count, _AT_A_TIME)
@@ -263,7 +261,7 @@ class CoverageMap:
         return np.concatenate(pieces) if pieces else np.zeros(0, dtype=bool)
 
     def _can_be_seen(self, cells: NDArray[np.int64]) -> BoolArray:
-        """(k,) of some cells, whether each can be seen from an allowed position."""
+        """(k,) whether each of some cells can be observed from a permitted position."""
         wanted = self.site.scenario.requirements
         apart_m = wanted.look_distance_m or 0.0
         times = np.zeros(cells.size, dtype=np.int64)
@@ -289,7 +287,7 @@ class CoverageMap:
         return np.asarray(times == wanted.looks, dtype=bool)
 
     def asking(self, only: BoolArray) -> "CoverageMap":
-        """This map with fewer coverable cells: of the (cells,) marked ones, those that are."""
+        """This map with fewer visible cells: those of the (cells,) marked ones."""
         return SameCells(self, self.site, coverable=self.coverable & only)
 
     def flown_from(self, site: Site, coverable: BoolArray | None = None) -> "CoverageMap":
@@ -297,12 +295,12 @@ class CoverageMap:
 
         Args:
             site: of the vehicle.
-            coverable: (cells,) cells that can be covered; none: the same.
+            coverable: (cells,) cells that can be covered; None: the same.
         """
         return SameCells(self, site, coverable=coverable)
 
     def _allowed_ups_m(self, east_north_m: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
-        """(k,) whether a position above each of (k, 2) points is allowed, obstacles aside; there, the lowest and highest up."""
+        """(k,) whether a position above each of (k, 2) points is permitted without obstacles, and its lowest and highest up."""
         limits = self.site.scenario.limits
         inside = shapely.intersects_xy(flyable_area(self.site).polygon, east_north_m[:, 0], east_north_m[:, 1])
         over = east_north_m[inside]
@@ -325,7 +323,7 @@ class SameCells(CoverageMap):
     def __init__(self, other: CoverageMap, site: Site, coverable: BoolArray | None = None) -> None:
         self.site, self.sight = site, other.sight
         self._other, self._coverable = other, coverable
-        # The way that a vehicle flies a route may be its own.
+        # Another vehicle may fly a route in another way.
         self._recent = other._recent if site is other.site else RecentlySeen()
 
     @property
@@ -359,7 +357,7 @@ def path_lengths_m(points: FloatArray) -> FloatArray:
 def sees_each(
     coverage: CoverageMap, observations: LevelObservations, cell_numbers: NDArray[np.int64], sight: Sight
 ) -> BoolArray:
-    """(k,) whether each of k observations sees the cell of the same row; False where a position is NaN."""
+    """(k,) whether each of k observations observes the cell of the same row; False where a position is NaN."""
     cells, site = coverage.grid.cells, coverage.site
     places_m = np.ascontiguousarray(observations.places_m)
     centre_m, normal = cells.centre_m[cell_numbers], cells.normal[cell_numbers]

@@ -1,11 +1,11 @@
-"""The line that an autopilot flies through waypoints: ArduCopter's legs go over into each other beside them.
+"""The line that an autopilot flies through waypoints, and its position when a waypoint counts as passed.
 
-And where it is when it has passed a waypoint, which is where a sensor looks from that looks from waypoints.
+A sensor that observes from waypoints observes from these positions.
 
-Each leg is a motion from rest to rest, and the next one begins before the last one ends: in a corner the two add up, and the
-vehicle passes inside of it, within ``corner_radius_m`` (:mod:`uavcover.kernels.flight_time`, BLENDED; AC_WPNav and SCurve of
-ArduPilot). PX4 has reached a waypoint when it is ``corner_radius_m`` before it. A scenario without a home, or with a vehicle
-whose speed changes at once, has the straight line.
+ArduCopter: each leg is a motion from rest to rest, and the next one begins before the last one ends. In a corner the two add up,
+and the vehicle passes inside it, within ``corner_radius_m`` (:mod:`uavcover.kernels.flight_time`, BLENDED; AC_WPNav and SCurve of
+ArduPilot). PX4 accepts a waypoint ``corner_radius_m`` before it. Without a home, or if the speed changes at once, the line is
+straight.
 """
 
 import math
@@ -25,14 +25,14 @@ from uavcover.sensing.sensors import trigger_distance_m, turns_with_legs
 _CORNER_POINTS = 17
 """Points of a rounded corner; the middle one is where the waypoint counts as passed.
 
-With seven a camera is turned by 10° less there than it is in flight.
+With seven, the camera turns 10° less there than in flight.
 """
 
 _LEAST_OFF_M = 0.02
 """A path that passes its waypoint this closely goes through it."""
 
 _TURNING_SHARE = 0.05
-"""Share of the cruise speed below which the yaw is held (AC_PosControl::calculate_yaw_and_rate_yaw)."""
+"""Fraction of the cruise speed below which the yaw is held (AC_PosControl::calculate_yaw_and_rate_yaw)."""
 
 _HEIGHT_RADIUS_M = 0.8
 """A waypoint of PX4 is reached within this height (NAV_MC_ALT_RAD)."""
@@ -59,7 +59,7 @@ class FlownLine:
 
     Attributes:
         places_m: (k, 3) ENU.
-        headings: (k - 1, 2) where the nose points on each of its pieces, east and north, of any length.
+        headings: (k - 1, 2) heading on each of its pieces, east and north, of any length.
     """
 
     places_m: FloatArray
@@ -67,12 +67,12 @@ class FlownLine:
 
 
 def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
-    """The line flown along an (n, 3) ENU route, from the middle of its first corner to the middle of its last.
+    """The line flown along an (n, 3) ENU route, from the middle of its first corner to that of its last.
 
-    How the first waypoint is passed depends on the way there, and the last one on the way home, which are not known here: where
-    the line is nearly on its legs that makes no difference. PX4 turns to the next waypoint before it is at the last one, and
-    flies about through that; the route ends where its last one is reached. For a sensor that turns with the legs, there are
-    pieces on which the nose turns (:mod:`uavcover.kernels.turning_nose`).
+    The first and last corners depend on the transit, which is unknown here; they make no difference if the line is close to its
+    legs. PX4 turns towards the next waypoint before it reaches the current one and flies approximately through it; the route ends
+    where the last waypoint is accepted. For a sensor that turns with the legs, the line has pieces on which the vehicle yaws
+    (:mod:`uavcover.kernels.turning_nose`).
     """
     turns = turns_with_legs(site.scenario.sensor.sight)
     if _is_braked(site) and len(route_m) > 0:
@@ -82,13 +82,13 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
         return FlownLine(route_m, np.diff(route_m[:, :2], axis=0))
     middle = _CORNER_POINTS // 2
     rounded = np.linalg.norm(corners.places_m[:, middle] - route_m, axis=1) > _LEAST_OFF_M
-    # Of each corner all places, or the waypoint alone where it is passed.
+    # All positions of each corner, or only the waypoint if it is passed exactly.
     numbers = np.arange(_CORNER_POINTS)
     kept = rounded[:, None] | (numbers == middle)
     corners.places_m[~rounded, middle] = route_m[~rounded]
     places = corners.places_m[kept]
     ways = np.diff(places[:, :2], axis=0)
-    # Of each piece of the line; a leg, behind a corner, takes as long as it needs.
+    # Of each piece of the line; a leg after a corner has no fixed time.
     steps_s = np.where(rounded[:, None] & (numbers < _CORNER_POINTS - 1), corners.step_s[:, None], 0.0)[kept][:-1]
     slow = np.hypot(ways[:, 0], ways[:, 1]) < _TURNING_SHARE * pace_of(site).cruise_m_s * steps_s
     there = heading_there(site, route_m[0])
@@ -97,7 +97,7 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
     first = sizes[0] - 1 - sizes[0] // 4
     last = len(places) - sizes[-1] + 1 + sizes[-1] // 4
     if turns:
-        # A leg begins as fast as the corner ends; behind a stop, from rest.
+        # A leg begins at the speed of the corner's end, or from rest after a stop.
         size_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
         speeds_m_s = np.where(steps_s > 0.0, size_m / np.maximum(steps_s, _LEAST_S), 0.0)
         begins_m_s = np.minimum(np.append(0.0, speeds_m_s[:-1]), pace_of(site).cruise_m_s)
@@ -108,12 +108,10 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
 
 
 def _braked_line(site: Site, route_m: FloatArray, *, turns: bool) -> FlownLine:
-    """The line of PX4 along an (n, 3) route, n >= 1.
+    """The line of PX4 along an (n, 3) route, n >= 1, with pieces of yaw if that matters.
 
-    It has pieces where the yaw changes, if that matters.
-
-    From where a waypoint is reached the nose turns to the next one, until that is reached: on a leg that is not much longer than
-    the radius there is little time for it.
+    The vehicle yaws towards the next waypoint as soon as one is accepted. A leg that is barely longer than the radius leaves
+    little time.
     """
     passed_m = places_passed_m(site, route_m)
     places = np.vstack([route_m[:-1], passed_m[-1:]])
@@ -129,15 +127,15 @@ def _braked_line(site: Site, route_m: FloatArray, *, turns: bool) -> FlownLine:
 
 
 def _kept(values: FloatArray, missing: BoolArray) -> FloatArray:
-    """(k, 2) values. A missing one is replaced by the last that is not missing; the first is not missing."""
+    """(k, 2) values with missing ones replaced by the last present one; the first one is present."""
     before = np.maximum.accumulate(np.where(missing, 0, np.arange(len(values))))
     return np.ascontiguousarray(values[before])
 
 
 def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
-    """(n, 3) where a vehicle is when each waypoint of an (n, 3) ENU route counts as passed.
+    """(n, 3) positions at which each waypoint of an (n, 3) ENU route counts as passed.
 
-    PX4 passes it where the leg comes within ``corner_radius_m`` of it on the map, and is nearly at its height.
+    PX4 accepts it where the leg comes within ``corner_radius_m`` of it on the map, near its height.
     """
     if not corners_matter(site):
         return route_m
@@ -148,7 +146,7 @@ def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
 
 
 def _reached_m(pace: Pace, begin_m: FloatArray, route_m: FloatArray) -> FloatArray:
-    """(n, 3) positions at which (n, 3) waypoints are accepted in turn, each on the straight line from the last one."""
+    """(n, 3) positions at which (n, 3) waypoints are accepted, each on the straight line from the last one."""
     places, place = np.empty_like(route_m), begin_m
     for k, point in enumerate(route_m):
         level, rise = math.hypot(point[0] - place[0], point[1] - place[1]), abs(point[2] - place[2])
@@ -159,16 +157,14 @@ def _reached_m(pace: Pace, begin_m: FloatArray, route_m: FloatArray) -> FloatArr
 
 
 def _above_home_m(site: Site, home_m: FloatArray) -> FloatArray:
-    """(3,) the top of the column above home."""
+    """(3,) the top of the climb above home."""
     return np.array([home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m])
 
 
 def corners_flown(site: Site, route_m: FloatArray) -> FloatArray | None:
-    """(n, points, 3) corners of an (n, 3) ENU route, from leg to leg.
+    """(n, points, 3) corners of an (n, 3) ENU route; at both ends only the half on the route.
 
-    At both ends only the half on the route.
-
-    None where they are not flown as ArduCopter does it.
+    None if they are not flown as ArduCopter does.
     """
     corners = _corners(site, route_m)
     if corners is None:
@@ -186,7 +182,7 @@ def pictures_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatAr
         trigger_m: between two photos.
 
     Returns:
-        (m,) the piece of the line that each is taken on, and (m, 3) places.
+        (m,) the piece of the line that each is taken on, and (m, 3) positions.
     """
     pieces, shares = picture_places(line_m, trigger_m)
     onward_m = line_m[np.minimum(pieces + 1, len(line_m) - 1)] - line_m[pieces]
@@ -194,16 +190,15 @@ def pictures_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatAr
 
 
 def heading_there(site: Site, first_m: FloatArray) -> FloatArray:
-    """(2,) the direction east and north from home in which the (3,) first waypoint is reached. (0, 0) without a home."""
+    """(2,) direction east and north from home to the (3,) first waypoint. (0, 0) without a home."""
     return np.zeros(2) if site.home_m is None else np.asarray(first_m[:2] - site.home_m[:2])
 
 
 def corners_matter(site: Site) -> bool:
-    """Whether corners are not flown exactly, and what is seen is what is seen from the line beside them.
+    """Whether corners are not flown exactly and affect the observations.
 
-    Flights over 40 m saw up to 3.1 points less than the straight lines of their plans, over 250 to 500 m up to 0.6
-    (docs/results/kinds.md, random.md). Where nothing but waypoints is held to the limits, as in the paper, they are what
-    is counted.
+    Flights over 40 m observed up to 3.1 points less than the straight lines of their plans, and over 250 to 500 m up to 0.6
+    (docs/results/kinds.md). If the limits apply only to waypoints, as in the paper, straight lines count.
     """
     held = site.scenario.limits.applies_to != "waypoints"
     return held and site.home_m is not None and math.isfinite(pace_of(site).acceleration_m_s2)
@@ -216,7 +211,7 @@ def _is_braked(site: Site) -> bool:
 def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
     """Corner at each waypoint of an (n, 3) route; None where waypoints are passed exactly.
 
-    The ways from home and to home are straight, from the top of the column above it.
+    Transits are straight, from the top of the climb above home.
     """
     home_m, pace = site.home_m, pace_of(site)
     if home_m is None or not corners_matter(site) or pace.corner != BLENDED or len(route_m) == 0:
@@ -224,7 +219,7 @@ def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
     top = np.array([[home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m]])
     corners = rounded_corners(pace, np.vstack([top, route_m, top]))
     if trigger_distance_m(site.scenario) is not None:
-        # The waypoint at which photos begin stands twice in the mission and is a stop.
+        # The mission contains the waypoint at which photos begin twice, and stops there.
         corners.places_m[0] = route_m[0]
     return corners
 
@@ -255,7 +250,7 @@ class _Ramps:
     """The motions of legs from rest.
 
     Attributes:
-        slower: (n,) by which each is slower than its jerk allows.
+        slower: (n,) factor by which each is slower than its jerk allows.
     """
 
     def __init__(self, pace: Pace, unit: FloatArray, length_m: FloatArray) -> None:

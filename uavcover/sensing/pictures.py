@@ -1,11 +1,11 @@
-"""In how many photos and looks each cell is, and at what ground sample distance: what reconstruction needs.
+"""Number of photos and looks at each cell, and their ground sample distance, for reconstruction.
 
-Coverage asks whether a cell was seen in the middle of a photo, as the side overlap leaves it. Here every whole photo counts
-that shows the cell: inside its frame, in range, not too oblique, and with nothing in between. How coarse it is does not matter
-for the count; the best ground sample distance is reported beside it.
+Coverage requires a cell in the central strip of a photo, according to the side overlap. Here, every photo counts that shows the
+cell inside its frame, in range, not too obliquely and unhidden. Its ground sample distance does not matter for the count; the
+best one is reported.
 
-A look is all photos from one position in one direction, for any number of files: a reconstruction needs views from different
-places. Bands of a multispectral camera, bursts, and photos of a vehicle that hovers show the ground from one place.
+A look is all photos from one position in one direction, in any number of files, because a reconstruction needs views from
+different positions. Bands of a multispectral camera, bursts, and photos of a hovering vehicle are one look.
 """
 
 import math
@@ -29,10 +29,10 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import add_observations, looks_singly, trigger_distance_m
 
 OVERLAP_FRACTION = 0.99
-"""Share of the drawn area that has to be in as many photos as the overlap asks for, for the overlap to hold."""
+"""Fraction of the drawn area that must have the required number of photos."""
 
 FLOWN_OVERLAP_FRACTION = 0.97
-"""The same of a flight whose plan keeps it: every photo is triggered a little late, and at the ends of lines one is missing."""
+"""The same for a flight whose plan meets it: photos are triggered slightly late, and one is missing at the end of a line."""
 
 _ROUNDING = 1e-9
 
@@ -42,10 +42,10 @@ class PictureCounts:
     """Photos that show each cell.
 
     Attributes:
-        pictures: (cells,) how many looks show it; photos from one place are one look.
-        ground_sample_m: (cells,) the best ground sample distance of these; NaN where there is none, or it is not known.
-        taken: how many photos there are.
-        looks: how many looks they are.
+        pictures: (cells,) number of looks that show it; photos from one position are one look.
+        ground_sample_m: (cells,) the best ground sample distance of these; NaN without one.
+        taken: number of photos.
+        looks: number of looks.
     """
 
     pictures: NDArray[np.int32]
@@ -55,7 +55,7 @@ class PictureCounts:
 
 
 def takes_pictures(scenario: Scenario) -> bool:
-    """Whether the sensor takes single pictures: a camera that is triggered by distance, or looks from the waypoints."""
+    """Whether the sensor takes single photos: a camera with a distance trigger, or one that observes at waypoints."""
     return scenario.sensor.is_camera and looks_singly(scenario)
 
 
@@ -114,11 +114,11 @@ def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | 
     Args:
         coverage: the cells.
         poses: of the photos; their times do not matter.
-        looks: (n,) number of the look that each belongs to, which counts once; none: each is one.
+        looks: (n,) number of each photo's look, which counts once; None: each photo is a look.
     """
     site = coverage.site
     sight, slopes = site.scenario.sensor.whole_photo, local_slopes(site.ground.surface)
-    # Each look is a pass of its own: its number is the time of its photos.
+    # Each look is a separate pass: its number is the time of its photos.
     camera = Camera(
         focal_px=site.scenario.sensor.focal_px,
         pass_gap_s=0.0,
@@ -140,7 +140,7 @@ def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | 
 
 
 def drawn_cells(coverage: CoverageMap) -> BoolArray:
-    """(cells,) which cells have their middle in the area as it was drawn, without its margin."""
+    """(cells,) which cells have their middle in the area as drawn, without its margin."""
     middles = coverage.grid.middles_m
     return np.asarray(shapely.contains_xy(area_as_drawn(coverage.site), middles[:, 0], middles[:, 1]))
 
@@ -151,7 +151,7 @@ def overlap_fraction(coverage: CoverageMap, counts: PictureCounts, also: BoolArr
     Args:
         coverage: the cells.
         counts: of their photos.
-        also: (cells,) cells that are taken to be in enough.
+        also: (cells,) cells that count as having enough photos.
     """
     drawn, asked = drawn_cells(coverage), pictures_asked(coverage.site.scenario.sensor)
     if asked is None or not drawn.any():
@@ -183,11 +183,11 @@ def picture_statistics(coverage: CoverageMap, counts: PictureCounts) -> PictureS
 
 
 def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) -> str | None:
-    """Shortfall of the photos against the required overlap, as text; None where they keep it or none is required.
+    """Shortfall of the photos against the required overlap, as text; None without one.
 
     Args:
         scenario: with its requirements.
-        pictures: in how many the ground is; none where none are known.
+        pictures: number of photos of the ground; None if unknown.
     """
     wanted = scenario.requirements.min_overlap_fraction
     if wanted is None:
@@ -232,21 +232,21 @@ def camera_axes(yaw_deg: FloatArray, pitch_deg: FloatArray, roll_deg: FloatArray
 SPACING_FRACTION = 0.25
 """Photos closer than this fraction of the forward spacing are one look."""
 _MOST_OF_SPACING = 0.5
-"""However uncertain places are, photos farther apart than this fraction of the forward spacing are two looks."""
+"""Photos farther apart than this fraction of the forward spacing are two looks, at any uncertainty of the positions."""
 _ALIKE_DEG = 30.0
-"""Views that differ by less have a like direction."""
+"""Views that differ by less have a similar direction."""
 _LONGEST_CAPTURE_M = 20.0
-"""Files of one capture lie closer: its bands are up to 1 s apart, at up to 20 m/s. An id that covers more is no capture's."""
+"""Files of one capture are closer: its bands are up to 1 s apart, at up to 20 m/s. An id that covers more is invalid."""
 
 
 def look_distance_m(scenario: Scenario, error_m: FloatArray) -> FloatArray:
-    """(n,) distance within which a photo is one look with another of like direction.
+    """(n,) distance within which photos in a similar direction are one look.
 
-    It is the larger of its position error and a fraction of the forward spacing.
+    It is the larger of the position error and a fraction of the forward spacing.
 
     Args:
-        scenario: with the camera, and its forward spacing where there is one.
-        error_m: (n,) errors of the photos' places.
+        scenario: with the camera, and its forward spacing, if any.
+        error_m: (n,) errors of the photos' positions.
     """
     spacing_m = trigger_distance_m(scenario)
     if spacing_m is None:
@@ -299,7 +299,7 @@ def looks_of(
 
 
 def _captures(places_m: FloatArray, captures: Sequence[str | None] | None) -> list[int]:
-    """(n,) the number of each photo's capture, -1 without one: also for ids of more than one place."""
+    """(n,) number of each photo's capture; -1 without one, or if the id covers more than one position."""
     numbers: dict[str, list[int]] = {}
     for k, capture in enumerate(captures or ()):
         if capture is not None:

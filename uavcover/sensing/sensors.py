@@ -1,8 +1,8 @@
-"""Observations of a scenario's sensor: their distance, views that contain its own or lie inside it, and what is seen.
+"""Observations of a scenario's sensor: their spacing, bounding views, and the observed cells.
 
-The kernels find what is seen; of a sensor with a view of its own pose by pose, which is slower. Such a view is asked, by its
-method on arrays, which cells near a pose are in view. The kernel then sees these cells alone, with the sides of the camera's view
-wide open: range, incidence, ground sample distance and the ray are its part.
+The kernels compute the observed cells. For a sensor with its own view they do so pose by pose, which is slower: the sensor's
+method determines which cells near a pose are in view. The kernel then tests only these cells, without the sides of the camera's
+view: range, incidence, ground sample distance and the ray.
 """
 
 import itertools
@@ -58,9 +58,8 @@ def whatever_heading(sight: Sight) -> Sight:
 def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
     """The sensor with its range on the map reduced by ``margin_m``.
 
-    For a camera, at the height where it reaches ``reach_m``.
-
-    A photo loses the same angle at its bottom and its top as at its sides: the ground there is as near, or farther away.
+    For a camera, this holds at the height where it reaches ``reach_m``. A photo loses the same angle at the bottom and top as at
+    its sides, because the ground there is as near or farther away.
     """
     share = max(0.1, 1.0 - margin_m / max(reach_m, 1e-9))
     if sight.kind == FRUSTUM:
@@ -72,7 +71,7 @@ def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
 
 
 def keeping_inside(sight: Sight, margin_m: float, height_agl_m: float) -> Sight:
-    """The sensor with its range, and the sides of a camera's view from a height, narrowed by a margin; at most to a half."""
+    """The sensor with its range and a camera's field of view narrowed by a margin, by half at most."""
     reach = max(sight.reach_m - margin_m, 0.5 * sight.reach_m)
     if sight.kind not in {CONE, FRUSTUM}:
         return sight._replace(reach_m=reach)
@@ -85,34 +84,34 @@ def keeping_inside(sight: Sight, margin_m: float, height_agl_m: float) -> Sight:
 
 
 def inside_every_heading(sight: Sight) -> list[Sight]:
-    """View of a frame camera straight down at any heading; of other sensors nothing."""
+    """View of a frame camera straight down that holds at any heading; empty for other sensors."""
     if sight.kind != FRUSTUM or sight.cos_pitch > _LEVEL:
         return []
     return [sight._replace(kind=CONE, tan_half_fov=min(sight.tan_half_fov, sight.tan_half_along))]
 
 
 def is_ball_or_cone(sight: Sight) -> bool:
-    """Whether :mod:`uavcover.kernels.swaths` can measure the strip that a sensor sees along a line."""
+    """Whether :mod:`uavcover.kernels.swaths` supports the sensor."""
     return sight.kind in {CONE, SPHERE}
 
 
 _NO_FLOOR = 0.01
-"""A band whose lowest footprint is at most this share of its middle one has no floor: that of a flight without a plan."""
+"""A band with a lowest footprint of at most this fraction of the middle one has no floor, as in a flight without a plan."""
 
 
 def sample_spacing_m(scenario: Scenario) -> float:
-    """Distance between two observations along the path: the stated one, or one that suits the sensor's footprint.
+    """Distance between two observations along the path: the scenario's value, or one that suits the sensor's footprint.
 
-    Between two circles of a swath a strip of its edge is not seen. Spaced by a third of the radius, they lose 1.4 % of its width
-    at the worst place and 0.5 % on average. Photos with a fixed heading lose more: on a leg across their corners, the edge of
-    the swath has teeth as deep as half the spacing. Spaced by a twelfth of half a photo, they lose 2 % of its width on average.
+    Part of the edge of a swath between two circles is not observed. Spaced by a third of the radius, circles lose at most 1.4 %
+    of the width, and 0.5 % on average. Photos with a fixed heading lose more: on a leg across their corners, the edge of the
+    swath has teeth as deep as half the spacing. Spaced by a twelfth of half a photo, they lose 2 % of the width on average.
 
     Raises:
-        ScenarioError: the stated distance is larger than the radius, which loses 13 % and more.
+        ScenarioError: the scenario's value is larger than the radius, which loses 13 % or more.
     """
     sensor = scenario.sensor
     low, high = scenario.limits.min_height_agl_m, scenario.limits.max_height_agl_m
-    # A camera sees least from the lowest height of the band, a sphere from the highest, which it need not reach.
+    # A camera observes least from the lowest height of the band, a sphere from the highest, which it need not reach.
     reaches = [_half_footprint_m(sensor, height) for height in (low, 0.5 * (low + high))]
     seeing = [reach for reach in reaches if reach > _NO_FLOOR * max(reaches)]
     stated = sensor.sample_spacing_m
@@ -137,7 +136,7 @@ def _half_footprint_m(sensor: Sensor, height_agl_m: float) -> float:
 
 
 def trigger_distance_m(scenario: Scenario) -> float | None:
-    """Distance between two photos; none when the scenario does not take photos by distance.
+    """Distance between two photos; None without a distance trigger.
 
     Raises:
         ScenarioError: the photo shows nothing from the lowest height of the band, where it shows least.
@@ -146,15 +145,15 @@ def trigger_distance_m(scenario: Scenario) -> float | None:
 
 
 def looks_singly(scenario: Scenario) -> bool:
-    """Whether the sensor looks from single places: from waypoints, or triggered by distance."""
+    """Whether the sensor observes from single positions: waypoints or trigger points."""
     return not scenario.sensor.looks_along_path or trigger_distance_m(scenario) is not None
 
 
 def frame_camera(sensor: Sensor, *, source: str) -> FrameCamera:
-    """The sensor, which takes rectangular photos.
+    """The sensor as a camera with rectangular photos.
 
     Raises:
-        InputError: it does not.
+        InputError: it is another sensor.
     """
     if isinstance(sensor, FrameCamera):
         return sensor
@@ -166,11 +165,9 @@ class TrialPlace:
     """A position relative to a cell, with the heading of a level vehicle there.
 
     Attributes:
-        east_m: from the cell.
-        north_m: from the cell.
-        band_share: share 0..1 of the allowed heights above that spot.
-        heading_e: east part of the heading.
-        heading_n: north part.
+        east_m, north_m: from the cell.
+        band_share: fraction 0..1 of the permitted heights at that point.
+        heading_e, heading_n: of the vehicle.
     """
 
     east_m: float
@@ -183,9 +180,9 @@ class TrialPlace:
 def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
     """The positions tried for every cell, the most promising first.
 
-    Directly above and 36 positions around, each at three heights of the band. For a frame camera instead the positions from
-    which flat ground at the cell would lie at the centre, near the corners and near the edges of the photo, for twelve
-    headings or the one that the scenario sets.
+    They are directly above it and 36 positions around, each at three heights of the band. For a frame camera, they are the
+    positions from which flat ground at the cell would be at the centre, near the corners and near the edges of the photo, for
+    twelve headings or the scenario's heading.
     """
     limits, sensor = scenario.limits, scenario.sensor
     low, high = limits.min_height_agl_m, limits.max_height_agl_m
@@ -231,26 +228,26 @@ class SensorPose(NamedTuple):
 
 
 def sight_for_cells(sensor: Sensor) -> Sight:
-    """A view that contains that of a sensor, its own one too."""
+    """A view that contains that of a sensor, including its own view."""
     return wide_open(sensor.sight) if sensor.has_own_view else sensor.sight
 
 
 def wide_open(sight: Sight) -> Sight:
-    """The view with the sides of a camera's wide open."""
+    """The view with the sides of a camera's view wide open."""
     return sight._replace(tan_half_fov=_WIDE, tan_half_along=_WIDE) if sight.kind in {CONE, FRUSTUM} else sight
 
 
 def seen_often(
     site: Site, cells: Cells, places_m: FloatArray, headings: FloatArray, looks: tuple[int, float] = (1, 0.0)
 ) -> IntArray:
-    """(cells,) number of the observation by which each cell is seen as often as needed; -1 where none does.
+    """(cells,) number of the observation with which each cell was observed as often as needed; -1 if never.
 
     Args:
         site: with such a sensor, on a level vehicle.
         cells: of the area.
         places_m: (k, 3) ENU.
-        headings: (k, 2) direction east and north; (0, 0) where there is none.
-        looks: how many observations are needed, and how far from each other, metres.
+        headings: (k, 2) direction east and north; (0, 0) without one.
+        looks: required number of observations, and their least distance from each other, metres.
     """
     (needed, apart_m), sensor, count = looks, site.scenario.sensor, len(cells.centre_m)
     sight, surface = wide_open(sensor.sight), site.ground.surface
@@ -274,7 +271,7 @@ def seen_often(
 def sees_each(
     site: Site, places_m: FloatArray, headings: FloatArray, centres: FloatArray, normals: FloatArray
 ) -> BoolArray:
-    """(k,) whether each of k observations by a view of its own sees the cell of the same row."""
+    """(k,) whether each of k observations of a sensor with its own view observes the cell of the same row."""
     sensor = site.scenario.sensor
     turn = level_turns(sensor, headings)
     rays = rays_to((centres - places_m).T, turn.axes, turn.tops)
@@ -283,7 +280,7 @@ def sees_each(
 
 
 def level_turns(sensor: Sensor, headings: FloatArray) -> CameraTurn:
-    """The turns of a sensor on a level vehicle by (k, 2) directions east and north; not known where (0, 0) matters."""
+    """Orientations of a sensor on a level vehicle, by (k, 2) directions east and north; unknown where (0, 0) matters."""
     yaw_deg = np.degrees(np.arctan2(headings[:, 0], headings[:, 1]))
     yaw_deg[~headings.any(axis=1)] = np.nan if sensor.turns_with_vehicle else 0.0
     return sensor.camera_turn(np.column_stack([np.zeros((len(headings), 2)), yaw_deg]))
@@ -292,7 +289,7 @@ def level_turns(sensor: Sensor, headings: FloatArray) -> CameraTurn:
 def in_own_view(
     sensor: Sensor, cells: Cells, pose: SensorPose, test: Callable[[Rays], BoolArray], also: BoolArray | None = None
 ) -> Cells:
-    """The cells near a pose that pass a test of rays, and are among (cells,) others."""
+    """The cells near a pose that pass a test of rays and belong to (cells,) others."""
     reach_m = sensor.reach_m + cells.scatter_m + cells.size_m
     rows, columns = cells.lattice.shape
     west, south = pose.eye_m[0] - reach_m - cells.east0_m, pose.eye_m[1] - reach_m - cells.north0_m
@@ -337,7 +334,7 @@ def _add_by_own_view(
     offset_m, turn_rad = camera.offset_m, camera.turn_rad
     exact = camera._replace(offset_m=0.0, horizontal_m=0.0, lift_m=0.0, turn_rad=0.0)
     passes: list[tuple[Callable[[Rays], BoolArray], Camera, ObservationCounts]] = [(sensor.in_view, exact, counts)]
-    # What is sure and what is possible is counted apart: each by the cells that are in view in its own sense.
+    # Sure and possible observations are counted separately, each by its own view.
     apart = [no_observations(len(cells.centre_m), camera.needed) for _ in range(2)]
     if offset_m > 0.0 or turn_rad > 0.0:
         passes.append((partial(sensor.surely_in_view, offset_m=offset_m, turn_rad=turn_rad), camera, apart[0]))

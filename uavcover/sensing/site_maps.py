@@ -1,8 +1,8 @@
-"""The maps of a site, for the search and for judging, each built once; of a large area by blocks.
+"""The maps of a site, for the search and the evaluation, each built once; for a large area in blocks.
 
-A cell is the same in a block of rows as among all, and sees the same. What a plan needs of the cells of a large area is how much
-ground each has, whether it can be covered, and whether a route sees it: 9 bytes and a few bits a cell, in place of 70 and more,
-because their positions and slopes are never all in memory. A block is a task of its own, for any worker.
+A cell is the same in a block of rows as among all. A plan needs the ground area of each cell of a large area, whether it is
+visible, and whether a route observes it: 9 bytes and a few bits per cell instead of 70 and more, because positions and slopes are
+never all in memory. A block is an independent task for any worker.
 """
 
 import functools
@@ -32,16 +32,16 @@ from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, Recent
 
 @once
 def judging_map(site: Site) -> CoverageMap:
-    """The cells that results are judged on: in one piece, or in blocks where the site says so."""
+    """The evaluation grid, in one piece or in blocks."""
     if site.block_cells is not None:
         return BlockMap(site, site.block_cells)
     return CoverageMap(site, cell_size_m=judged_cell_size_m(site), cut=cut_for(site))
 
 
 def judging_maps(site: Site) -> list[CoverageMap]:
-    """Maps on which a search rates a route: :func:`judging_map`, and finer ones for cells of the scenario's size.
+    """Maps on which a search evaluates a route: :func:`judging_map`, and finer ones for cells of the scenario's size.
 
-    These only for a sensor that looks along the path, and where memory allows. Built once for a site.
+    The latter only for a sensor that observes along the path, and if memory allows. Built once for a site.
     """
     if not site.scenario.sensor.looks_along_path or is_judged_on_smaller_cells(site):
         return [judging_map(site)]
@@ -55,9 +55,9 @@ def planning_map(site: Site) -> CoverageMap:
 
 
 def sampling_map(site: Site, *, most_cells: int) -> CoverageMap:
-    """:func:`planning_map`, or one of larger cells where it has more than ``most_cells``; the latter is not kept.
+    """:func:`planning_map`, or one of larger cells if it has more than ``most_cells``; the latter is not kept.
 
-    Each cell is looked at in one place, so larger ones are a thinner sample of the ground.
+    Each cell is observed at one position, so larger cells are a sparser sample of the ground.
     """
     cell_size_m = (site.area.area / most_cells) ** 0.5
     if cell_size_m <= site.scenario.planning_cell_size_m:
@@ -66,17 +66,17 @@ def sampling_map(site: Site, *, most_cells: int) -> CoverageMap:
 
 
 _MOST_FINER_CELLS = 600_000
-"""Above this number, the own cells are many enough against overfitting.
+"""Above this number, the scenario's cells are enough against overfitting.
 
 On 25 km² finer ones took 4 s before a search could begin.
 """
 
 
 def finer_map(site: Site) -> CoverageMap | None:
-    """Other places, on which what is found is tried once more; none where memory, or limits of waypoints, forbid.
+    """Other positions for a final test of routes; None if memory, or limits of waypoints, forbid it.
 
-    Cells of half the size, whose places include those of the judged cells; or other places, where judged cells are smaller than
-    the scenario's already.
+    Cells of half the size, including the positions of the evaluation grid; or other positions, if the evaluation grid is already
+    smaller than the scenario's cells.
     """
     if site.scenario.limits.applies_to == "waypoints":
         return None
@@ -113,7 +113,7 @@ def _map_of(site: Site, cell_size_m: float) -> CoverageMap:
 
 
 def map_for(site: Site, own: Site) -> CoverageMap:
-    """The cells of a site as the sensor of one of its vehicles sees them.
+    """The cells of a site as the sensor of one of its vehicles observes them.
 
     Args:
         site: of all vehicles.
@@ -122,13 +122,13 @@ def map_for(site: Site, own: Site) -> CoverageMap:
     if own.scenario.sensor != site.scenario.sensor:
         return judging_map(own)
     whole = judging_map(site)
-    _ = whole.coverable  # found once, and not by each vehicle again
+    _ = whole.coverable  # computed once, not by each vehicle
     return whole.flown_from(own)
 
 
 @once
 def fleet_map(site: Site) -> CoverageMap:
-    """The cells that results are judged on; those that the sensor of any vehicle can see are coverable."""
+    """The evaluation grid; cells that the sensor of any vehicle can observe are visible."""
     if not own_sensors(site.scenario):
         return judging_map(site)
     maps = [map_for(site, own) for own in vehicle_sites(site)]
@@ -136,7 +136,7 @@ def fleet_map(site: Site) -> CoverageMap:
 
 
 _MOST_AT_ONCE = 2_000_000
-"""With more places of the lattice a map is made of blocks. Below, all cells take less than the program itself."""
+"""A map with more lattice points is made of blocks. Below, all cells take less memory than the program itself."""
 _BLOCK_CELLS = 250_000
 
 Bits = np.ndarray[tuple[int], np.dtype[np.uint8]]
@@ -148,7 +148,7 @@ class BlockTask:
 
     Attributes:
         rows: of the lattice, from the first to before the last.
-        about_cells: whether to compute their ground, and which can be covered.
+        about_cells: whether to compute their ground, and which are visible.
         routes_m: each (n, 3) ENU; compute which cells they observe.
     """
 
@@ -163,7 +163,7 @@ class BlockLook:
 
     Attributes:
         count: of cells.
-        weight_m2: (count,) as in :class:`CellGrid`; empty where it was not asked for.
+        weight_m2: (count,) as in :class:`CellGrid`; empty if not requested.
         hidden_m2: as in :class:`CellGrid`; 0 where it was not requested.
         coverable: (count,) packed; empty where it was not requested.
         seen: for each route (count,) packed.
@@ -181,7 +181,7 @@ RunBlocks = Callable[[Site, Sequence[BlockTask]], Iterator[tuple[BlockTask, Bloc
 
 
 def look_at_block(site: Site, task: BlockTask) -> BlockLook:
-    """Look at a block: a function of its arguments alone."""
+    """Evaluate a block: a function of its arguments alone."""
     block = judging_block(site, range(*task.rows))
     grid, nothing = block.grid, np.zeros(0)
     seen = tuple(np.packbits(seen_nearby(block, route)) for route in task.routes_m)
@@ -191,7 +191,7 @@ def look_at_block(site: Site, task: BlockTask) -> BlockLook:
 
 
 def seen_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
-    """As :meth:`CoverageMap.seen`, of a route most of which is too far away to see any of the cells."""
+    """As :meth:`CoverageMap.seen`, for a route that is mostly too far away to observe any of the cells."""
     looks = block.flown_observations(route_m)
     near = np.zeros(len(looks), dtype=bool)
     if block.grid.count:
@@ -207,13 +207,13 @@ def seen_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
 
 
 def one_after_the_other(site: Site, tasks: Sequence[BlockTask]) -> Iterator[tuple[BlockTask, BlockLook]]:
-    """Look at blocks here and now."""
+    """Evaluate blocks in this process, one after the other."""
     for task in tasks:
         yield task, look_at_block(site, task)
 
 
 class _GridOfBlocks(CellGrid):
-    """The ground of the cells; the cells themselves are made when somebody asks for them."""
+    """The ground of the cells; the cells themselves are made on demand."""
 
     _site: Site
 
@@ -232,12 +232,12 @@ class _GridOfBlocks(CellGrid):
 
 
 def judging_block(site: Site, rows: range) -> CoverageMap:
-    """Some rows of the lattice of a judging map, which each see the same as among all; not kept."""
+    """Some rows of the lattice of an evaluation grid, which observe the same as among all; not kept."""
     return CoverageMap(site, cell_size_m=judged_cell_size_m(site), cut=functools.partial(cut_for(site), rows=rows))
 
 
 def row_blocks(site: Site, *, cells: int) -> list[range]:
-    """The rows of the lattice of a judging map, in blocks of at most ``cells`` points, or of one row."""
+    """The rows of the lattice of an evaluation grid, in blocks of at most ``cells`` points, or of one row."""
     rows, columns = lattice_shape(site, judged_cell_size_m(site))
     step = max(1, cells // columns)
     return [range(first, min(first + step, rows)) for first in range(0, rows, step)]
@@ -245,7 +245,7 @@ def row_blocks(site: Site, *, cells: int) -> list[range]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ground:
-    """All cells of a map of blocks: their ground, which can be covered, and how many each block has."""
+    """All cells of a map of blocks: their ground, which are visible, and the number in each block."""
 
     grid: _GridOfBlocks
     coverable: BoolArray
@@ -253,7 +253,7 @@ class _Ground:
 
 
 class BlockMap(CoverageMap):
-    """The cells that results are judged on, made of blocks of at most ``block_cells``, or of one row."""
+    """The evaluation grid, made of blocks of at most ``block_cells``, or of one row."""
 
     def __init__(self, site: Site, block_cells: int) -> None:
         self.site = site
@@ -281,7 +281,7 @@ class BlockMap(CoverageMap):
             yield judging_block(self.site, range(*rows))
 
     def seen(self, route_m: FloatArray) -> BoolArray:
-        """See :class:`CoverageMap`; at once where it was looked at before."""
+        """See :class:`CoverageMap`; immediate for known routes."""
         packed = self._recent.get(route_m, lambda: self._found((route_m,), one_after_the_other)[1][0])
         seen = _unpacked(packed, self.grid.count)
         seen.flags.writeable = False
@@ -296,11 +296,11 @@ class BlockMap(CoverageMap):
         return np.concatenate([block.first_seen(observations) for block in self.blocks()])
 
     def look_at(self, routes_m: Sequence[FloatArray], by: RunBlocks) -> None:
-        """Find out what routes see, and what there is to see, once; kept for :meth:`seen`.
+        """Compute the observations of routes, and the visible cells, once; kept for :meth:`seen`.
 
         Args:
             routes_m: each (n, 3) ENU.
-            by: who does it.
+            by: the workers.
         """
         new = [route for route in routes_m if not self._recent.knows(route)]
         if new or self._ground is None:
@@ -308,7 +308,7 @@ class BlockMap(CoverageMap):
                 self._recent.keep(route, packed)
 
     def _found(self, routes_m: tuple[FloatArray, ...], by: RunBlocks) -> tuple[_Ground, list[Bits]]:
-        """All cells; and for each route (cells,) whether it sees them, packed."""
+        """All cells; and for each route (cells,) whether it observes them, packed."""
         ground = self._ground
         about_cells = ground is None
         near = {rows: tuple(k for k, route in enumerate(routes_m) if self._may_see(route, rows)) for rows in self._rows}
@@ -322,7 +322,7 @@ class BlockMap(CoverageMap):
             looks = [found[rows] for rows in self._rows]
             weight_m2 = np.concatenate([look.weight_m2 for look in looks])
             if not weight_m2.size:
-                # There is nothing to see: who makes the map in one piece says why.
+                # There is nothing to observe: making the map in one piece raises the reason.
                 CoverageMap(self.site, cell_size_m=judged_cell_size_m(self.site))
             weight_m2.flags.writeable = False
             hidden_m2 = math.fsum(look.hidden_m2 for look in looks)

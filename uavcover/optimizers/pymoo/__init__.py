@@ -1,1 +1,1 @@
-"""Both ways between our ask and tell and pymoo: its algorithms here, ours there."""
+"""Adapters in both directions: pymoo's algorithms behind our ask and tell, and ours in pymoo."""

@@ -111,7 +111,7 @@ class PymooOptimizer(AskTellOptimizer):
             xl=self._box.lower.copy(),
             xu=self._box.upper.copy(),
         )
-        # we decide when it ends; some algorithms (RVEA) adapt to the number of generations
+        # we decide the end; some algorithms (RVEA) adapt to the number of generations
         termination = MaximumGenerationTermination(self._max_iterations)
         # the seed is replaced by our own stream before anything is drawn
         return self._build().setup(problem, termination=termination, seed=0, output=None)
@@ -137,7 +137,7 @@ class PymooOptimizer(AskTellOptimizer):
 
     def _learn(self, evaluated: Solutions) -> None:
         pending = self._pending
-        pending.set("X", evaluated.x.copy())  # a known start may stand in the place of a sample
+        pending.set("X", evaluated.x.copy())  # a known start may replace a sample
         pending.set("F", evaluated.objectives.copy())
         if self.knows_constraints:
             pending.set("G", evaluated.violations.copy())
@@ -309,7 +309,7 @@ def adapted(algorithm: type) -> type[PymooOptimizer]:
 
 
 def _as_bytes(value: object) -> bytes:
-    """``value`` as bytes, for ``pickle.loads``; functions that pymoo's decorators have made nameless are found too.
+    """``value`` as bytes, for ``pickle.loads``; it also finds functions whose names pymoo's decorators hide.
 
     Raises:
         pickle.PicklingError, AttributeError, TypeError: Something in it cannot be pickled.

@@ -136,7 +136,7 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
         if self.problem.n_obj == 1:
             super()._set_optimum()
         else:
-            self.opt = self.pop  # nothing in it dominates anything else, or it is meant to be returned all the same
+            self.opt = self.pop  # its rows do not dominate each other, or are meant to be returned anyway
 
 
 def _violations(population: Any) -> FloatArray:

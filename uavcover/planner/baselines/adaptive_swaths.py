@@ -1,12 +1,12 @@
-"""Adaptive swaths: lines that bend with the terrain, and lines of few waypoints.
+"""Adaptive swaths: lines that bend with the terrain, and lines with few waypoints.
 
-Bent lines keep the gap or overlap between neighbouring strips constant. Straight lines at equal distances waste what
-hills give: a strip is wider over a ridge and on a slope, narrower in a valley. Bending by a tenth of a swath evens that out
-and costs next to no length.
+A sensor observes a wider strip over ridges and slopes than in valleys, so equally spaced straight lines waste coverage. Bent
+lines keep the gap or overlap between neighbouring strips constant. Bending by a tenth of a swath is enough and adds almost
+no length.
 
-Lines of few waypoints are flown lower, so that legs may leave their height by more and the terrain needs fewer of them. A leg
-that leaves the best height by 2 m follows every hill; one that may leave a lower height by 20 m crosses a valley in one go,
-and sees a strip that is a seventh narrower. What that costs in length it saves several times over in mission items.
+Lines with few waypoints are flown lower, so that a leg may deviate more from its height. A leg that may deviate by 2 m
+follows every hill; a leg that flies lower and may deviate by 20 m crosses a valley in one piece. Its strip is a seventh
+narrower, but it saves several times that cost in mission items.
 """
 
 import dataclasses
@@ -42,23 +42,23 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import is_ball_or_cone
 
 _STATION_SHARE = 0.5
-"""Distance of stations along the lines, as a share of the sensor's reach."""
+"""Distance of stations along the lines, as a fraction of the sensor's reach."""
 _ROUNDS = 4
 """Rounds of the balancing.
 
-With 16 and stations half as far apart it took 8 times as long: lines on 25 km² saw 0.1 points more and had 10 % more waypoints,
-on jacksboro they were the same (docs/results/large.md).
+With 16 rounds and half the station distance, it took 8 times as long. The lines on 25 km² observed 0.1 points more and had
+10 % more waypoints; on jacksboro they did not change (docs/results/large.md).
 """
 _SMOOTHING = 10
 _INSETS = (0.8, 0.9, 0.96, 1.0)
 _TOLERANCE_SHARE = 0.0025
-"""Tolerance of legs to the best height, as a share of the band: a strip is as wide as its sensor is high."""
+"""Tolerance of legs to the best height, as a fraction of the band: a strip is as wide as its sensor is high."""
 _STRAIGHT_SHARE = 0.01
-"""A line may be laid straight where it leaves its bends by no more than this share of the reach."""
+"""A line may be laid straight where it leaves its bends by no more than this fraction of the reach."""
 
 
 def can_be_adapted(site: Site) -> bool:
-    """Whether :mod:`uavcover.kernels.swaths` can measure the strip of the sensor."""
+    """Whether :mod:`uavcover.kernels.swaths` supports the sensor."""
     return site.scenario.sensor.looks_along_path and is_ball_or_cone(site.scenario.sensor.sight)
 
 
@@ -66,12 +66,12 @@ def adaptive_swaths(
     site: Site,  # with a sensor for which :func:`can_be_adapted` holds
     angle_rad: float,  # direction of the lines, counter-clockwise from east
     *,
-    executor: Executor | None = None,  # lays out several at once; the routes do not depend on it
-    should_stop: Callable[[], bool] = lambda: False,  # asked before each number of lines; the first is always laid out
+    executor: Executor | None = None,  # lays out several in parallel; the routes do not depend on it
+    should_stop: Callable[[], bool] = lambda: False,  # called before each number of lines; the first is always laid out
 ) -> list[Route]:
-    """Routes of balanced lines in a direction and across it, for line counts around those that fit the area.
+    """Balanced lines along and across a direction, for several numbers of lines around the one that fits the area.
 
-    The number of lines that just fits comes first: on every bundled terrain it is the best beginning for a search.
+    The number that just fits comes first: on every bundled terrain it is the best initial solution of a search.
     """
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
@@ -112,7 +112,7 @@ def _each(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BentLines:
-    """The lines of a layout, bent; n lines, s stations. They do not depend on the layout's inset."""
+    """The bent lines of a layout: n lines, s stations. They do not depend on the inset of the layout."""
 
     along_m: FloatArray  # (s,) stations along the lines' direction, from the origin
     across_m: FloatArray  # (n, s) the lines at the stations
@@ -177,16 +177,16 @@ def fly_bent(site: Site, layout: SwathLayout, bent: BentLines, *, straight_m: fl
 BENT = (1 / 16, 1 / 8, 3 / 16)
 _FIRST_BENT = 1 / 8
 STRAIGHT = (3 / 16, 1 / 4, 3 / 8, 1 / 2)
-"""Tolerances of legs to their height, as shares of the band.
+"""Tolerances of legs to their height, as fractions of the band.
 
 In order: lines that bend, the first of those with sure coverage, straight lines.
 """
 
 _BEND = 0.8
-"""Tolerance of bent lines laid straight on the map, as a share of their height tolerance."""
+"""Tolerance of bent lines laid straight on the map, as a fraction of their height tolerance."""
 
 _LINES = {True: (1.0, 1.08), False: (1.0, 1.08, 1.2)}
-"""Numbers of lines that bend, or that do not, as shares of the width of the area over that of a swath of flat ground."""
+"""Numbers of lines that bend, or that do not, as fractions of the width of the area over that of a swath of flat ground."""
 
 _INSET = 0.5
 
@@ -194,11 +194,11 @@ TIGHT = (1 / 16, 1 / 8)
 _FEWER = (0, 1)
 TIGHT_INSETS = (0.96, 0.8)
 """Bent lines with nothing to spare, the best beginnings of all: how far legs may leave their height, how many lines fewer than
-fit beside each other, and insets. On 25 km² 31 such lines see 99.5 % in 14,800 s, where 33 up to the ends took 15,530 s."""
+fit beside each other, and insets. On 25 km² 31 such lines observe 99.5 % in 14,800 s, where 33 up to the ends took 15,530 s."""
 
 
 def tight_lines(site: Site, angle_rad: float) -> list[Route]:
-    """Bent lines in one direction with nothing to spare: as many as fit beside each other, or one fewer.
+    """Bent lines in one direction without reserve: the number that fits, or one fewer.
 
     Args:
         site: with a sensor for which :func:`can_be_adapted` holds.
@@ -221,19 +221,19 @@ def tight_layouts(site: Site, angle_rad: float, *, share: float, more: int) -> l
 
 
 def fly_tight(site: Site, layout: SwathLayout, bent: BentLines) -> Route:
-    """The route of such a layout: its lines as straight as its legs may leave their height."""
+    """The route of such a layout. Its lines are as straight as the permitted deviation of its legs allows."""
     return fly_bent(site, layout, bent, straight_m=_BEND * layout.tolerance_m)
 
 
 def ample_lines(site: Site, angle_rad: float, *, shortest: bool) -> list[Route]:
-    """Bent lines in one direction, one more than fit: as many as fit leave gaps where nearly full coverage is required.
+    """Bent lines in one direction, one more than fit, because fewer leave gaps where nearly full coverage is required.
 
-    On 25 km² 29 lines that fit see 99.17 to 99.44 % in 149 km, 30 lines 99.60 to 99.85 % in 154 km.
+    On 25 km², 29 lines that fit observe 99.17 to 99.44 % in 149 km, and 30 lines observe 99.60 to 99.85 % in 154 km.
 
     Args:
         site: with a sensor for which :func:`can_be_adapted` holds.
         angle_rad: direction of the lines, counter-clockwise from east.
-        shortest: balanced lines, with a waypoint wherever the ground asks for one; otherwise simple ones.
+        shortest: True: balanced lines with all waypoints that the ground requires; False: simple lines.
     """
     if not shortest:
         items = [(_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=-1), True, TIGHT_INSETS) for share in TIGHT]
@@ -250,10 +250,10 @@ def simple_lines(
     site: Site,  # of any sensor
     angle_rad: float,  # direction of the lines, counter-clockwise from east
     *,
-    executor: Executor | None = None,  # lays out several at once; the routes do not depend on it
-    should_stop: Callable[[], bool] = lambda: False,  # asked before each number of lines; the first is always laid out
+    executor: Executor | None = None,  # lays out several in parallel; the routes do not depend on it
+    should_stop: Callable[[], bool] = lambda: False,  # called before each number of lines; the first is always laid out
 ) -> list[Route]:
-    """Routes of parallel lines in one direction: as few lines as fit first, those that bend before straight ones."""
+    """Routes of parallel lines in one direction: the fewest lines first, and bent lines before straight ones."""
     bends = can_be_adapted(site)
     kinds = [(share, True) for share in BENT if bends] + [(share, False) for share in STRAIGHT]
     ranked: list[tuple[tuple[int, bool, bool], SwathLayout, bool]] = []
@@ -272,15 +272,15 @@ def simple_lines(
 def _regular(
     site: Site, angle_rad: float, share: float, inset: float, *, widths: float = 1.0, fewer: int | None = None
 ) -> SwathLayout:
-    """Lines side by side, whose legs may leave their height by a share of the band.
+    """Regular lines whose legs may deviate from their height by a fraction of the band.
 
     Args:
         site: of any sensor.
         angle_rad: their direction, counter-clockwise from east.
         share: of the band.
-        inset: of their ends, as a share of the sensor's reach.
-        widths: at least this multiple of the number that fits beside each other.
-        fewer: or this many fewer than fit.
+        inset: of their ends, as a fraction of the sensor's reach.
+        widths: at least this multiple of the number that fits.
+        fewer: or this number fewer than fit.
     """
     limits = site.scenario.limits
     tolerance_m = share * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)

@@ -1,6 +1,6 @@
-"""Boustrophedon routes, plain and tuned: the baselines for every planner, of parallel lines over an area.
+"""Boustrophedon routes, plain and tuned: parallel lines over an area, the baselines of every planner.
 
-For sensors that observe from waypoints the boustrophedon is rows of nodes, flown back and forth.
+For sensors that observe from waypoints, a boustrophedon consists of rows of nodes.
 """
 
 import dataclasses
@@ -32,7 +32,7 @@ class SwathLayout:
     # (k + 1,) relative widths: before the first line, between lines, after the last. Half a gap at both ends.
     gaps: FloatArray
     heights_agl_m: FloatArray  # (k,) wanted height above ground of each line
-    # how far the lines stop before the border of the area, as a share of the sensor's reach on flat ground
+    # how far the lines stop before the border of the area, as a fraction of the sensor's reach on flat ground
     inset: float
     tolerance_m: float  # how far the straight legs may leave the wanted height
     # which of the four ways to fly it: bit 0 begins at the other end of the first line, bit 1 with the last line
@@ -108,8 +108,8 @@ def width_across_m(site: Site, angle_rad: float) -> float:
 def fly_layout(site: Site, layout: SwathLayout) -> Route:
     """The route of a layout, laid over the terrain.
 
-    Each line runs over the whole extent of the area inside its strip. Concave areas and holes are flown across; a strip
-    between two parts of an area that nothing lies in has no line.
+    Each line covers the full extent of the area inside its strip. It crosses concave parts and holes. A strip without ground
+    between two parts of an area has no line.
     """
     points_m, heights_m = join_lines(*_straight_lines(site, layout), layout)
     points_m = points_m @ to_lines_frame(layout.angle_rad) + layout.shift_m
@@ -117,7 +117,7 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
 
 
 def begun_near_home(site: Site, layout: SwathLayout) -> SwathLayout:
-    """The layout begun where the ways from home and back to it are shortest on the map."""
+    """The layout with the corner to begin at that gives the shortest transit on the map."""
     if site.home_m is None:
         return layout
     home_m, lines = site.home_m[:2], _straight_lines(site, layout)
@@ -132,13 +132,13 @@ def begun_near_home(site: Site, layout: SwathLayout) -> SwathLayout:
 
 
 def with_return_line(site: Site, layout: SwathLayout) -> SwathLayout | None:
-    """The layout with a return line; none without a home, or where its number of lines has none."""
+    """The layout with a return line; None without a home, or if its number of lines has none."""
     has_one = site.home_m is not None and _has_return_line(len(layout.heights_agl_m))
     return dataclasses.replace(layout, returns=True) if has_one else None
 
 
 def _has_return_line(lines: int) -> bool:
-    """Whether lines can return to their first one: odd numbers end on the other side, and two are there already."""
+    """Whether lines can return to their first one. Odd numbers end on the other side, and two lines return anyway."""
     return lines % 2 == 0 and lines >= _FEWEST_THAT_RETURN
 
 
@@ -160,7 +160,7 @@ def join_lines(
     *,
     straight_m: float = 0.0,  # how far lines may leave their places on the map to have fewer of them
 ) -> tuple[FloatArray, FloatArray]:
-    """Lines flown one after the other: (m, 2) places along and across, and (m,) heights above ground."""
+    """Lines flown one after the other: (m, 2) positions along and across, and (m,) heights above ground."""
     count = len(lines_m)
     returns = layout.returns and _has_return_line(count)
     apart_m = abs(lines_m[-1][0, 1] - lines_m[0][0, 1]) / max(count - 1, 1)
@@ -266,10 +266,10 @@ class Baseline:
 
 
 def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> float:
-    """Height from which the sensor sees the widest strip of flat ground.
+    """Height from which the sensor observes the widest strip of flat ground.
 
-    It stays inside the planner's band by the tolerance of the straight legs: a leg that may leave its height both ways
-    needs far fewer waypoints than one that is pressed against the ceiling.
+    It keeps the tolerance of the straight legs from both ends of the planner's band. A leg that may deviate upwards and downwards
+    needs far fewer waypoints than one at the upper limit.
     """
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
@@ -280,9 +280,9 @@ def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> 
 
 
 def plain_boustrophedon(site: Site, *, angle_rad: float | None = None) -> SwathLayout:
-    """Lines along the long side, or in a direction, at the height of the widest strip. On flat ground they do not overlap.
+    """Lines at the height of the widest strip, along the long side or in a direction, begun near home.
 
-    They begin near home.
+    On flat ground they do not overlap.
     """
     angle = long_side_angle_rad(site.area) if angle_rad is None else angle_rad
     height = best_height_agl_m(site)
@@ -295,8 +295,8 @@ def plain_boustrophedon(site: Site, *, angle_rad: float | None = None) -> SwathL
 
 def boustrophedons(
     coverage: CoverageMap,  # on the planner's cells
-    executor: Executor | None = None,  # evaluates routes side by side
-    should_stop: Callable[[], bool] = lambda: False,  # asked between batches; the plain one is always there
+    executor: Executor | None = None,  # evaluates routes in parallel
+    should_stop: Callable[[], bool] = lambda: False,  # called between batches; the plain one is always there
     # taken from one after the other in place of the scan; what is left in it may be taken later
     tuned: Iterator[Baseline] | None = None,
 ) -> list[Baseline]:
@@ -313,7 +313,7 @@ def boustrophedons(
 
 
 def taken(tuned: Iterator[Baseline], should_stop: Callable[[], bool]) -> list[Baseline]:
-    """Routes until it is time to stop; asked before each."""
+    """Routes until it is time to stop; called before each."""
     found: list[Baseline] = []
     while not should_stop() and (each := next(tuned, None)) is not None:
         found.append(each)
@@ -323,15 +323,15 @@ def taken(tuned: Iterator[Baseline], should_stop: Callable[[], bool]) -> list[Ba
 def fewest_lines(
     coverage: CoverageMap, goal: float, *, turns: int = _TUNED_ANGLES + _TUNED_EDGES
 ) -> Iterator[Baseline]:
-    """The tuned boustrophedon for one coverage: of every direction, height and inset the fewest lines that reach it.
+    """The tuned boustrophedon for one coverage: the fewest lines that reach it, for every direction, height and inset.
 
-    What cannot cost less than the best so far is left early, so the scan takes a fifth of what all spacings take, and single
-    lines more or fewer are tried. The first ones are the most useful.
+    The scan stops early at lines that cannot cost less than the best so far, so it takes a fifth of a full scan and can try
+    single lines more or fewer. The most useful lines come first.
 
     Args:
         coverage: on the planner's cells.
-        goal: share of the area, 0..1.
-        turns: of how many directions, the one along the long side first; 1: along it alone.
+        goal: fraction of the area, 0..1.
+        turns: number of directions, beginning with the long side; 1: only the long side.
     """
     site = coverage.site
     least, per_strip = math.inf, 1.0
@@ -381,7 +381,7 @@ def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float, bool]]:
 
 
 def directions_rad(site: Site) -> list[float]:
-    """Directions of tuned lines: along the long side, across it, along sides of photos and edges, then the turns between."""
+    """Directions of tuned lines: the long side, across it, the sides of photos and edges, then those in between."""
     base, half = long_side_angle_rad(site.area), _TUNED_ANGLES // 2
     along, across, *between = (
         base + k * math.pi / _TUNED_ANGLES for first in range(half) for k in (first, first + half)

@@ -1,9 +1,9 @@
 """Contour-aligned lines: flight lines that follow the terrain's contours, a baseline for energy on mountains.
 
-A line along a contour climbs little, and climbing is what costs. CAPG (Shao, Mao and Xu 2025, RA-L 10(12)) flies contours in an
-order found by a travelling salesperson problem. Contours lie apart as the slope has it, so lines of theirs crowd on
-steep ground and leave gaps on flat ground. Here the lines take the contours' direction and keep an even distance: they are
-level lines of a function whose gradient comes nearest, in the mean square, to a unit vector across the contours.
+A line along a contour climbs little, and climbing is expensive. CAPG (Shao, Mao and Xu 2025, RA-L 10(12)) flies contours in
+an order found by a travelling salesperson problem. Contours are dense on steep ground and sparse on flat ground. These lines
+take the direction of the contours but keep an even distance: they are level lines of a function whose gradient is as close
+as possible, in the mean square, to a unit vector across the contours.
 """
 
 import dataclasses
@@ -43,13 +43,13 @@ _FLATTEST = 1e-3
 """Ground whose root mean square slope is less has no contours to follow."""
 
 _STRAIGHT_SHARE = 0.1
-"""Lines are laid straight where they leave their bends by no more than this share of the reach."""
+"""Lines are laid straight where they leave their bends by no more than this fraction of the reach."""
 
 _SHORTEST_REACHES = 0.5
 """Shorter pieces of lines, which the border of the area cuts off, are left out."""
 
 _AT_WAYPOINTS = math.sqrt(2.0)
-"""Side of the square that is seen whole from its middle, in reaches."""
+"""Side of the square that is observed whole from its middle, in reaches."""
 
 _SMOOTHINGS = (1.0, 2.0)
 _STRAIGHTENINGS = (0.05, 0.3, 1.5)
@@ -74,7 +74,7 @@ class ContourLayout:
     straightening: float  # how much the main direction counts beside the contours' own; large: straight lines
     lines: float  # relative number of lines: 1 for as many as flat ground needs
     height_agl_m: float  # wanted height above ground
-    inset: float  # how far the lines stay inside the border of the area, as a share of the sensor's reach
+    inset: float  # how far the lines stay inside the border of the area, as a fraction of the sensor's reach
     tolerance_m: float  # how far the straight legs may leave the wanted height
 
 
@@ -197,7 +197,7 @@ def fly_contours(site: Site, layout: ContourLayout) -> Route:
 
 
 def _with_places(line: FloatArray, apart_m: float) -> FloatArray:
-    """(k, 2) places along a line, as far apart as they are to be at most, its ends among them."""
+    """(k, 2) positions along a line at most the permitted distance apart, with both ends."""
     string = shapely.LineString(line)
     count = max(1, math.ceil(string.length / apart_m - 1e-9))
     places = shapely.line_interpolate_point(string, np.linspace(0.0, string.length, count + 1))
@@ -285,8 +285,8 @@ def contour_lines(
 
     Args:
         coverage: on the planner's cells.
-        executor: evaluates routes side by side.
-        should_stop: asked between batches; the plain ones are always there.
+        executor: evaluates routes in parallel.
+        should_stop: called between batches; the plain ones are always there.
     """
     found: list[Baseline] = []
     for batch in layouts_to_try(coverage.site):

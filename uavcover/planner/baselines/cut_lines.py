@@ -1,8 +1,7 @@
 """Parallel lines cut at holes, bays and no-fly zones, and flown in a short order.
 
-Plain lines run over the whole extent of an area, across its holes and bays. A decomposition into cells flies the lines of one
-cell after those of another. Here the lines are cut into pieces, and a short tour through the pieces is found, each flown in the
-direction that suits it: the orders by cells are some of these tours.
+Plain lines cross the holes and bays of an area. A cell decomposition flies the lines of one cell after those of another. Here,
+lines are cut into pieces, and a short tour visits the pieces in any order and direction. Orders by cells are some of these tours.
 """
 
 import itertools
@@ -36,7 +35,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 NAME = "cut-lines"
 
 _CONVEX = 0.995
-"""Share of its hull that an area fills whose lines need no cuts."""
+"""Fraction of its hull that an area fills whose lines need no cuts."""
 
 _LINES = (1.0, 0.93, 1.07, 0.86)
 """Numbers of lines, as multiples of what flat ground needs."""
@@ -65,12 +64,12 @@ _STAYS = -1e5
 class Pieces:
     """Pieces of lines."""
 
-    ends_m: FloatArray  # (n, 2, 2) places of both ends on the map
+    ends_m: FloatArray  # (n, 2, 2) positions of both ends on the map
     height_agl_m: float  # of all of them
 
 
 def needs_cuts(site: Site) -> bool:
-    """Whether plain lines would lead over ground that is not to be seen, or where no flight may be."""
+    """Whether plain lines would cross ground outside the area, or positions where flight is not permitted."""
     hull = shapely.convex_hull(site.area)
     region = shapely.intersection(hull, flyable_area(site).polygon)
     return bool(min(site.area.area, region.area) < _CONVEX * hull.area)
@@ -81,8 +80,8 @@ def cut_lines(site: Site, goal: float, is_over: Callable[[], bool] = lambda: Fal
 
     Args:
         site: the scenario on its ground; its sensor senses along the path.
-        goal: share of the area that they should see on flat ground.
-        is_over: whether there is no time left; the first order of each route is always improved.
+        goal: fraction of the area that they should observe on flat ground.
+        is_over: whether the time is over; the first order of each route is always improved.
     """
     height_m = best_height_agl_m(site)
     for share in _LINES:
@@ -110,17 +109,17 @@ def cut_baselines(coverage: CoverageMap, goal: float, should_stop: Callable[[], 
 
 
 def cut_pieces(site: Site, angle_rad: float, *, lines: int, reach_m: float, height_agl_m: float, goal: float) -> Pieces:
-    """Lines at equal distances in a direction, cut to what there is to see and where it may be flown.
+    """Equally spaced lines in a direction, cut to the ground to observe and to permitted positions.
 
-    Ground that they miss, beside holes and at slanted borders, gets pieces of its own.
+    Pieces are added for ground that the lines miss beside holes and at slanted borders.
 
     Args:
         site: the scenario on its ground.
         angle_rad: direction of the lines, counter-clockwise from east.
-        lines: how many.
-        reach_m: half the width of the strip that is seen.
+        lines: number of lines.
+        reach_m: half the width of the observed strip.
         height_agl_m: of the lines.
-        goal: share of the area that is enough.
+        goal: required fraction of the area.
     """
     turn = to_lines_frame(angle_rad)
     area, open_to = (
@@ -151,7 +150,7 @@ def cut_pieces(site: Site, angle_rad: float, *, lines: int, reach_m: float, heig
 
 
 def _through(part: shapely.Geometry, open_to: shapely.Geometry, reach_m: float) -> FloatArray:
-    """(2, 2) ends of a piece along the middle of missed ground; of ground that one place sees, that place twice."""
+    """(2, 2) ends of a piece along the middle of missed ground; twice the same position if one position observes all of it."""
     circle = shapely.minimum_bounding_circle(part)
     ring = shapely.get_coordinates(shapely.minimum_rotated_rectangle(part))
     if shapely.minimum_bounding_radius(part) > reach_m and len(ring) == 5:
@@ -165,7 +164,7 @@ def _through(part: shapely.Geometry, open_to: shapely.Geometry, reach_m: float) 
 
 
 def ordered_route(site: Site, pieces: Pieces, is_over: Callable[[], bool] = lambda: False) -> Route:
-    """The route along pieces in a short order, around what is between them, laid over the terrain."""
+    """The route along pieces in a short order, around zones and bays between them, laid over the terrain."""
     places = pieces.ends_m.reshape(-1, 2)
     if site.home_m is not None and way_cost_of(site).mission == 1:
         places = np.vstack([places, site.home_m[:2]])
@@ -196,10 +195,10 @@ def ordered_route(site: Site, pieces: Pieces, is_over: Callable[[], bool] = lamb
 
 
 class _Ways:
-    """Cheapest ways between places, around what is in between.
+    """Cheapest paths between positions, around zones and bays.
 
     Attributes:
-        cost: (n, n) of the way from one place to another.
+        cost: (n, n) cost of the path from one position to another.
     """
 
     def __init__(self, site: Site, places_m: FloatArray) -> None:

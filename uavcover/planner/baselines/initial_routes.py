@@ -67,16 +67,16 @@ def constructed_routes(
     coverage: CoverageMap,  # on the planner's cells
     settings: PlannerSettings,  # which, and the seed
     *,
-    asked: float | None,  # share of what can be covered that the selection rule asks for, if it does
-    executor: Executor | None,  # evaluates routes side by side
-    # time left, asked before each; the plain lines of each kind are always made, and coarse covers. Infinite: no limit.
+    asked: float | None,  # required coverage of the visible ground, if any
+    executor: Executor | None,  # evaluates routes in parallel
+    # time left, called before each; the plain lines of each kind are always made, and coarse covers. Infinite: no limit.
     left_s: Callable[[], float],
     # lines in swaths that are taken in place of a scan, until it is time to stop
     tuned: Iterator[Baseline] | None = None,
 ) -> list[Baseline]:
     """The routes that ``settings.initial`` names, the plain boustrophedon first.
 
-    Lines in swaths are always there where these are the encoding: it is counted from the best of them.
+    With the encoding "swaths", lines are always included, because the encoding is centred on the best of them.
     """
     names, sensor = initial_names(coverage, settings), coverage.site.scenario.sensor
     found: list[Baseline] = []
@@ -107,9 +107,9 @@ def _cover_routes(
     asked: float,
     left_s: Callable[[], float],
 ) -> list[tuple[InitialRoute, Route]]:
-    """The routes of set covers on the finest lattice there is time for, at least on a coarse one.
+    """Routes of set covers on the finest lattice for which there is time, at least on a coarse one.
 
-    A sensor that observes at waypoints sees little from lines: of a canyon 81 %, where a coarse cover sees all.
+    Lines suit a sensor that observes at waypoints badly: they observe 81 % of a canyon, a coarse cover all of it.
     """
     most = _most_places(coverage)
     count = most if math.isinf(left_s()) else min(_FIRST_PLACES, most)
@@ -132,7 +132,7 @@ def _cover_routes(
 def _rows(
     coverage: CoverageMap, settings: PlannerSettings, executor: Executor | None, should_stop: Callable[[], bool]
 ) -> list[Baseline]:
-    """The boustrophedon of free waypoints: rows of nodes, the plain ones first, then all that the encoding has room for."""
+    """The boustrophedon of free waypoints: rows of nodes, the plain ones first, then all within the encoding's capacity."""
     site = coverage.site
     found = evaluated(coverage, "boustrophedon", [fly_rows(site, plain_rows(site))], executor)
     scan = scanned_rows(site, most_nodes=settings.capacity)
@@ -210,10 +210,10 @@ def _node_lines(coverage: CoverageMap, should_stop: Callable[[], bool]) -> list[
 
 
 def node_lines(site: Site) -> Iterator[Route]:
-    """Routes of nodes in lines over the area: those that see all of flat ground, then thinner ones.
+    """Routes of nodes in lines over the area: first those that observe all of flat ground, then sparser ones.
 
-    Each is flown line by line, begun near home, and on a short tour. Lines of photos with a fixed heading run along their sides,
-    and are as far apart as a photo is wide.
+    Each is flown line by line, begun near home, and as a short tour. Lines of photos with a fixed heading run along the sides of
+    the photos, one photo width apart.
     """
     height_agl_m, known = best_height_agl_m(site), set[bytes]()
     for thinner in _THINNER:
@@ -232,7 +232,7 @@ def node_lines(site: Site) -> Iterator[Route]:
 
 @dataclass(frozen=True, slots=True)
 class _Lattice:
-    """Distances of nodes that see all of flat ground."""
+    """Distances of nodes that observe all of flat ground."""
 
     angle_rad: float  # direction of the lines, counter-clockwise from east
     apart_m: float  # of the lines
@@ -275,7 +275,7 @@ def _lattices_for_one_look(site: Site, height_agl_m: float) -> list[_Lattice]:
 
 
 def _nodes(site: Site, lattice: _Lattice, thinner: float) -> list[FloatArray]:
-    """(k, 2) nodes of each line, evenly over what its strip has of the area."""
+    """(k, 2) nodes of each line, evenly spaced over the part of the area in its strip."""
     turn = to_lines_frame(lattice.angle_rad)
     area = shapely.transform(site.area, lambda places: places @ turn.T)
     west, south, east, north = area.bounds
@@ -297,7 +297,7 @@ def _nodes(site: Site, lattice: _Lattice, thinner: float) -> list[FloatArray]:
 
 
 def _line_by_line(site: Site, lines: Sequence[FloatArray]) -> FloatArray:
-    """(n, 2) nodes back and forth, in that of the four ways whose ends are nearest to home, or to the origin without one."""
+    """(n, 2) nodes back and forth, begun at the corner whose ends are nearest to home, or to the origin without a home."""
     home_m = np.zeros(2) if site.home_m is None else site.home_m[:2]
     ways = [
         np.vstack([line[:: -1 if (k + first) % 2 else 1] for k, line in enumerate(lines[::order])])
@@ -338,7 +338,7 @@ def fly_rows(site: Site, layout: NodeRows) -> Route:
 
 
 def plain_rows(site: Site) -> NodeRows:
-    """Adjacent squares, each seen whole from its centre, at the middle of the height band."""
+    """Adjacent squares, each observed whole from its centre, at the middle of the height band."""
     limits = site.scenario.limits
     height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
     side = math.sqrt(2.0) * max(site.scenario.sensor.half_width_m(height), site.scenario.area.cell_size_m)

@@ -1,7 +1,7 @@
-"""Gaps of a search's routes, closed.
+"""Close the gaps of a search's routes.
 
-Where a search ends short of its goal, what else has to be flown to reach it is put behind one of its routes
-(:mod:`uavcover.planner.gap_route` lays that out), and the search goes on from there.
+If a search ends short of its goal, :mod:`uavcover.planner.gap_route` plans a route for enough of the missing ground. It is
+appended to one of the search's routes, and the search continues from there.
 """
 
 import itertools
@@ -25,30 +25,30 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 
 _MOST_MISSING = 10_000
-"""Cells; to close the gaps of more takes seconds."""
+"""Cells; closing the gaps of more takes seconds."""
 
 _NEARLY_CLOSED = 0.1
-"""At this share of the missing ground, the rest is repaired after the main repair."""
+"""At this fraction of the missing ground, the rest is repaired after the main repair."""
 
 _CLOSE_SAMPLES_M = 1.0
 """Sample spacing over the ground, for joined routes that break a limit."""
 
 
 def closed_end(
-    work: Work,  # what is looked at, and how much may be done
+    work: Work,  # the problem and the remaining budget
     found: Sequence[SearchStart],  # what the stages of the search ended with
-    goal: float,  # share of what can be covered
+    goal: float,  # fraction of the visible ground
     judge: RouteJudge,  # judges the ends, and closes their gaps
     *,
-    until: float,  # share of all the work, 0..1, after which no more are tried
+    until: float,  # fraction of all the work, 0..1, after which no more are tried
     least_short: int = 0,  # number of ends with the least shortfall that are always tried
 ) -> SearchStart | None:
     """Repair the end of a search that misses its goal, with the work that is left for it.
 
-    Where nearly full coverage is required, gaps are expensive: then the ends of all stages are tried, and the cheapest counts.
+    If nearly full coverage is required, gaps are expensive. Then the ends of all stages are tried, and the cheapest wins.
 
     Returns:
-        None where an end reaches the goal at no higher cost, or none could be closed.
+        None if an end reaches the goal at no higher cost, or no gaps could be closed.
     """
 
     def is_over() -> bool:
@@ -78,23 +78,23 @@ def closed_end(
 
 
 def closed_beginning(
-    work: Work,  # what is looked at, and how much may be done
+    work: Work,  # the problem and the remaining budget
     starts: Sequence[SearchStart],  # the beginnings of the search
     found: Sequence[SearchStart],  # what its stages ended with
-    goal: float,  # share of what can be covered
+    goal: float,  # fraction of the visible ground
     judge: RouteJudge,  # judges beginnings, and closes their gaps
     *,
-    until: float,  # share of all the work, 0..1, after which no more are tried, ..
+    until: float,  # fraction of all the work, 0..1, after which no more are tried, ..
     # ... and the same while none is closed: a search that is far from its goal rarely reaches it otherwise.
     at_last: float,
 ) -> SearchStart | None:
-    """A beginning that sees enough, or the cheapest of those that see most, their gaps closed.
+    """An initial solution with enough coverage, or the cheapest of those with the most coverage, with its gaps closed.
 
-    On ground whose last part is expensive, such as the walls of a canyon, a search from a short start loses its coverage there,
-    and long lines are the better beginning.
+    If the last part of the ground is expensive, such as the walls of a canyon, a search from a short route loses its coverage.
+    Long lines are then the better initial solution.
 
     Returns:
-        None where the search did not end far from its goal, or none could be closed.
+        None if the search ended near its goal, or no gaps could be closed.
     """
     ends: list[SearchStart] = []
 
@@ -108,7 +108,7 @@ def closed_beginning(
         return None
     different = {each.route.length_m: each for each in starts}.values()
     most = sorted(different, key=lambda each: -each.seen)[: tuned.most_beginnings]
-    # Those that may see enough by themselves come first, the cheapest of them before the others.
+    # First those that may reach the goal themselves, the cheapest first.
     cheapest = sorted((each for each in different if each.seen >= goal), key=lambda each: work.problem.cost(each.route))
     judged: list[tuple[float, SearchStart]] = []
     for each in dict.fromkeys([*cheapest[: tuned.most_beginnings], *most]):
@@ -134,19 +134,19 @@ def price_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -
 
 
 def with_gaps_closed(
-    judging: CoverageMap,  # the cells by which routes are judged
+    judging: CoverageMap,  # the evaluation grid
     route: Route,  # keeps the limits
-    goal: float,  # share of what can be covered
+    goal: float,  # fraction of the visible ground
     # multiples of the missing ground that are tried, one after the other, until the goal is reached
     more_ground: Sequence[float],
-    is_over: Callable[[], bool],  # whether there is no time left for it
+    is_over: Callable[[], bool],  # whether the time is over
     *,
     most_trials: int,  # to make each of those routes shorter
 ) -> Route | None:
-    """The route, followed by a repair for enough of its missing ground, or with added viewpoints.
+    """The route, extended by a repair for enough of its missing ground, or with added viewpoints.
 
     Returns:
-        None where the route reaches the goal, and where closing its gaps is too much to find out, or breaks a limit.
+        None if the route reaches the goal, if closing its gaps is too slow, or if it exceeds a limit.
     """
     seen = judging.seen(route.waypoints_m)
     missing = judging.coverable & ~seen
@@ -165,7 +165,7 @@ def with_gaps_closed(
         whole = _with_closing(judging, route, missing, more * lacking * whole_m2, useful_m2, over)
         if whole is None:
             return None
-        # Photos by distance fall elsewhere behind a route than behind home: it may take more.
+        # After a route, distance-triggered photos fall elsewhere than after home, so more ground may be needed.
         still_lacking = goal - share_seen(whole, judging)
         if still_lacking <= 0.0:
             return whole
@@ -179,7 +179,7 @@ def with_gaps_closed(
 
 
 def _over_after(trials: int, is_over: Callable[[], bool]) -> Callable[[], bool]:
-    """The same test, true also after ``trials`` trials."""
+    """The same test, also True after ``trials`` trials."""
     asked = itertools.count()
     return lambda: is_over() or next(asked) >= trials
 
@@ -192,7 +192,7 @@ def _with_closing(
     useful_m2: float,
     is_over: Callable[[], bool],
 ) -> Route | None:
-    """The route, followed by a repair for part of the missing ground; None without use, or beyond a limit."""
+    """The route, extended by a repair for part of the missing ground; None if useless or beyond a limit."""
     site, points = judging.site, route.waypoints_m
     end_m = points[-1] if site.home_m is None else site.home_m
     try:
@@ -203,7 +203,7 @@ def _with_closing(
         return None
     whole = joined(site, [points, closing.route.waypoints_m])
     if _breaks_a_limit(site, whole):
-        # At a cliff the way from one to the other may be too steep: the heights of both have to give.
+        # At a cliff the link may be too steep, so adjust the heights at both ends.
         heights_agl_m = site.ground.heights_agl_m(whole)
         whole = lay_over_terrain(
             site, whole[:, :2], heights_agl_m, tolerance_m=PLAIN_TOLERANCE_M, spacing_m=_CLOSE_SAMPLES_M
@@ -215,9 +215,9 @@ def _breaks_a_limit(site: Site, points_m: FloatArray) -> bool:
     return measure_violations(site, points_m, margin_m=site.scenario.limits.height_margin_m).total > 0.0
 
 
-# Viewpoints put into a route, each where it costs least, until the route sees enough.
+# Viewpoints put into a route, each where it costs least, until the route observes enough.
 #
-# For sensors that look from waypoints alone: a waypoint more takes nothing from what the others see. Behind the route,
+# For sensors that look from waypoints alone: one more waypoint takes nothing from what the others observe. Behind the route,
 # where gaps are closed otherwise (:mod:`uavcover.planner.search.closing`), a viewpoint may be a steep way off.
 
 _MOST_INSERTED = 40
@@ -231,16 +231,16 @@ _LEAST_DETOUR_M = 5.0
 
 
 def with_viewpoints(coverage: CoverageMap, route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
-    """The route with viewpoints put in until it sees enough.
+    """The route with viewpoints inserted until it reaches the goal.
 
     Args:
-        coverage: the cells it is judged on; its sensor looks from waypoints alone.
+        coverage: the evaluation grid; its sensor observes from waypoints only.
         route: keeps the limits.
-        goal: share of what can be covered.
-        is_over: whether there is no time left for it: asked before each viewpoint.
+        goal: fraction of the visible ground.
+        is_over: whether the time is over: called before each viewpoint.
 
     Returns:
-        None where it sees enough already, and where no viewpoints that keep the limits make it see enough.
+        None if the route already reaches the goal, or if no permitted viewpoints reach it.
     """
     site, points = coverage.site, route.waypoints_m
     seen = coverage.seen(points)
@@ -262,7 +262,7 @@ def with_viewpoints(coverage: CoverageMap, route: Route, goal: float, is_over: C
 def _one_more(
     site: Site, coverage: CoverageMap, points_m: FloatArray, seen: BoolArray, goal: float
 ) -> FloatArray | None:
-    """The (n, 3) points and one viewpoint that sees much for its detour; none where none keeps the limits."""
+    """The (n, 3) points and one viewpoint with much coverage for its detour; None if none keeps the limits."""
     unseen = coverage.coverable & ~seen
     if not unseen.any():
         return None
@@ -291,9 +291,9 @@ def _one_more(
 
 
 def _detours_m(site: Site, points_m: FloatArray, places_m: FloatArray) -> FloatArray:
-    """(k, n + 1) added length of (n, 3) points with each of (k, 3) points first, between two of them, and last.
+    """(k, n + 1) length added to (n, 3) points by each of (k, 3) points: first, between two points, or last.
 
-    Infinite where a leg would be too steep.
+    Infinite for a leg that is too steep.
     """
     ways_m = places_m[:, None] - points_m[None]
     away_m = np.linalg.norm(ways_m, axis=2)

@@ -1,6 +1,6 @@
-"""Local search for the shortest route that reaches a coverage, and for routes of few waypoints.
+"""Local search for the shortest route with a given coverage, and for routes with few waypoints.
 
-For few waypoints, the price of a waypoint rises step by step, at the cost of a longer path.
+For few waypoints, the penalty per waypoint rises step by step, at the cost of a longer path.
 """
 
 import itertools
@@ -25,18 +25,18 @@ _ROUNDING = 1e-9
 
 
 def search_goals(
-    work: Work,  # what is looked at, and how much may be done
+    work: Work,  # the problem and the remaining budget
     starts: Sequence[SearchStart],  # one at least
     *,
-    asked: float | None,  # share of what can be covered that the selection rule asks for, if it does
+    asked: float | None,  # required coverage of the visible ground, if any
     capacity: int,  # most waypoints
-    until: float,  # share of all the work, 0..1, after which this search ends
+    until: float,  # fraction of all the work, 0..1, after which this search ends
     judge: RouteJudge,  # judges what is found; goals on the planner's cells are corrected by it
 ) -> list[SearchStart]:
-    """Find the shortest routes for the goals of the ladder, mainly for the required one.
+    """Find the shortest routes for the goals of the ladder, mainly for the required coverage.
 
     Returns:
-        The beginnings, and what the stages ended with.
+        The initial solutions, and the ends of the stages.
     """
     begin, tuned = work.pace.fraction, work.tuning.goal
     goals: Sequence[float] = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
@@ -77,7 +77,7 @@ def search_goals(
     ladder = until - end
     goals = _thinned(goals, _most_goals(work, ladder))
     each = ladder / len(goals)
-    # From the highest: what reaches more is a good beginning for what may see less.
+    # From the highest: what reaches more is a good beginning for what may observe less.
     for number, goal in enumerate(reversed(goals)):
         at = until - ladder + number * each
         known += search_goal(work, known, goal, capacity, (at, at + each), tuned.stages, judge)
@@ -88,22 +88,22 @@ def search_from_closed(
     work: Work, closed: SearchStart, short: SearchStart, goal: float, capacity: int, share: tuple[float, float],
     each: float, judge: RouteJudge, *, finest: bool, from_beginning: bool,
 ) -> tuple[list[SearchStart], float]:  # fmt: skip
-    """Search from a route with closed gaps, and again where that ends short of the goal.
+    """Search from a route with closed gaps, and again if that ends short of the goal.
 
     Args:
-        work: what is looked at, and how much may be done.
-        closed: with closed gaps.
-        short: the end that it was made from, or that was given up for it.
-        goal: share of what can be covered.
-        capacity: most waypoints.
-        share: of all the work, where the search before had to end, and where the last of these has to.
-        each: share of all the work that each of them has, even if closing the gaps took longer.
-        judge: judges what is found, and closes its gaps.
-        finest: whether the finest cells are searched.
-        from_beginning: whether the gaps of a beginning were closed.
+        work: the problem and the remaining budget.
+        closed: a route with closed gaps.
+        short: the end that it was made from, or that it replaced.
+        goal: fraction of the visible ground.
+        capacity: largest number of waypoints.
+        share: of all the work: the end of the previous search, and the end of the last of these.
+        each: share of all the work for each of them, even if closing the gaps took longer.
+        judge: evaluates routes, and closes their gaps.
+        finest: whether to search the finest cells.
+        from_beginning: whether the closed route was an initial solution.
 
     Returns:
-        What the stages ended with, and the share of all the work at which the last one ends.
+        The ends of the stages, and the share of all the work at which the last one ends.
     """
     tuned, (end, until), out = work.tuning.goal, share, list[SearchStart]()
     end += each
@@ -114,13 +114,14 @@ def search_from_closed(
         if finest:
             again = _on_finest_cells(work, [closed], goal, capacity, share, judge)
         else:
-            # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is high anyway.
+            # With the previous penalty, the search would open the gaps again; above ``nearly_all``, the penalty is high
+            # anyway.
             price = None
             if from_beginning or goal <= tuned.nearly_all:
                 price = min(tuned.most_price, tuned.dear_ground * price_between(work.problem, short, closed))
             again = search_goal(work, [closed], goal, capacity, share, stages, judge, closed=True, coverage_price=price)
         out += again
-        # Cells of the search may see all where those that judge lack a few.
+        # Cells of the search may observe all where those that judge lack a few.
         last = closed_end(
             work, again, goal, judge, until=end + each, least_short=tuned.most_closed_after if from_beginning else 0
         )
@@ -137,10 +138,10 @@ def search_from_closed(
 def _on_finest_cells(
     work: Work, found: Sequence[SearchStart], goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge
 ) -> list[SearchStart]:
-    """Search for nearly all on the finest cells, from the best end of a search and from the surest beginning.
+    """Search for nearly all ground on the finest cells, from the best end and from the surest initial solution.
 
-    What counts as seen is made surer or less sure by what is judged, in several rounds. Each is cooler, and coverage costs more
-    while the goal is missed.
+    The evaluation after each round makes observations count more or less surely. Each round is cooler, and missing coverage costs
+    more while the search misses the goal.
     """
     coarse, tuned, out = work.problem, work.tuning.goal, list[SearchStart]()
     price, judged_ones, fresh = tuned.finest_price, list[tuple[SearchStart, float]](), list(found)
@@ -174,7 +175,7 @@ def _on_finest_cells(
 
 
 def _surest(work: Work, starts: Sequence[SearchStart], goal: float) -> list[SearchStart]:
-    """The beginnings that are cheapest where what they miss costs very much."""
+    """The initial solutions that are cheapest with a very high penalty for missing coverage."""
     tuned = work.tuning.goal
 
     def merit(each: SearchStart) -> float:
@@ -184,33 +185,33 @@ def _surest(work: Work, starts: Sequence[SearchStart], goal: float) -> list[Sear
 
 
 def search_goal(
-    work: Work,  # what is looked at, and how much may be done
+    work: Work,  # the problem and the remaining budget
     starts: Sequence[SearchStart],  # one at least
-    goal: float,  # share of what can be covered
+    goal: float,  # fraction of the visible ground
     capacity: int,  # most waypoints
     share: tuple[float, float],  # of all the work, 0..1, where this search begins and ends
-    stages: Sequence[float],  # shares of this search's work after which the goal is corrected, the last is 1
+    stages: Sequence[float],  # fractions of this search's work after which the goal is corrected, the last is 1
     judge: RouteJudge,  # judges what is found
     *,
-    # in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
+    # in radii of the sensor; beginnings are ranked by it too. By default almost nothing.
     waypoint_price: float | None = None,
-    # the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
-    # and where nearly everything is to be seen, not to open them again
+    # the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter, and
+    # where nearly everything is to be observed, not to open them again
     closed: bool = False,
-    # factor of the price of coverage where the beginning is closed and nearly everything is to be seen
+    # factor of the price of coverage where the beginning is closed and nearly everything is to be observed
     price_factor: float | None = None,
     heat_factor: float | None = None,  # factor of the temperature there
     coverage_price: float | None = None,  # of all coverage, in lengths of the route, where it is higher than by default
     most_short: float = 1.0,  # the first stage may miss the goal by this share; by more, and the search ends there
-    # share of all the work until which further, short stages may follow while they get nearer to the goal
+    # fraction of all the work until which further, short stages may follow while they get nearer to the goal
     later: float = 0.0,
 ) -> list[SearchStart]:
     """Search for one goal in stages.
 
-    Each corrects the goal, and after the first both chains continue from the better route.
+    Each stage corrects the goal. After the first one, both chains continue from the better route.
 
     Returns:
-        What the stages ended with: beginnings for other goals.
+        The ends of the stages, as initial solutions for other goals.
     """
     begin, end = share
     tuned, free_order = work.tuning.goal, work.tuning.free_order
@@ -223,7 +224,7 @@ def search_goal(
     if work.stopped or work.pace.fraction >= end:
         return []
     before = work.pace.fraction
-    # Where the order is free, one chain rebuilds: for single targets it is far better, where heights matter the other one.
+    # With a free order, one chain rebuilds. It is far better for single targets; the other is better if heights matter.
     rebuilt = [free_order.rebuilt if k == 0 else 0.0 for k in range(CHAINS)]
     chains = [
         _chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, price_of_goal, rebuilt[k])
@@ -259,7 +260,7 @@ def search_goal(
         else:
             break
         for k, (chain, hottest) in enumerate(zip(chains, heats, strict=True)):
-            # The second of two chains from the same beginning is cooler: from a good one heat only leads away.
+            # The second of two chains from the same route is cooler, because heat leads away from a good route.
             cooler = tuned.second_chain**k if out else 1.0
             chain.hottest = max(coldest, cooler * hottest * (coldest / hottest) ** warm)
             chain.coldest = max(coldest, cooler * hottest * (coldest / hottest) ** stage)
@@ -267,7 +268,7 @@ def search_goal(
         best = min(chains, key=lambda chain: chain.energy)
         before = work.pace.fraction
         judged = judge.coverage(best.route, goal)
-        # The first time all cells were made ready for judging: later corrections are cheaper.
+        # The first correction prepares all cells; later ones are cheaper.
         work.correction = work.pace.fraction - before
         out.append(SearchStart(best.route, best.seen))
         if goal - judged > most_short and len(out) == 1 and not work.problem.free_order:
@@ -292,23 +293,21 @@ def search_goal(
 
 
 def _most_goals(work: Work, share: float) -> int:
-    """Number of goals that fit a share of all work. Each judges routes, which should be the smallest part of it."""
+    """Number of goals that fit a fraction of all work. Evaluating their routes should be the smallest part of it."""
     return int(share / max(work.tuning.goal.goal_per_correction * work.correction, 1e-9))
 
 
 def _thinned(goals: Sequence[float], most: int) -> Sequence[float]:
-    """At most ``most`` of the goals, one at least, evenly from the lowest to the highest."""
+    """At least one and at most ``most`` of the goals, evenly spaced from the lowest to the highest."""
     if len(goals) <= most:
         return goals
     return [goals[k] for k in np.unique(np.linspace(0, len(goals) - 1, max(most, 1)).round().astype(int))]
 
 
 def _next_stage(stages: Sequence[float], begun: float, least: float) -> tuple[float, int]:
-    """The next of the stages that takes at least ``least``, a share of all, and leaves as much.
+    """The next stage that takes at least ``least`` and leaves as much; otherwise the last one, 1.
 
-    Otherwise the last one, 1.
-
-    With it, how many of the stages end with it.
+    Also return the number of stages that it ends.
     """
     later = [stage for stage in stages if stage > begun]
     for steps, stage in enumerate(later, 1):
@@ -318,7 +317,7 @@ def _next_stage(stages: Sequence[float], begun: float, least: float) -> tuple[fl
 
 
 def _corrected(goal: float, seen: float, judged: float) -> float:
-    """The goal on the search's cells, corrected by how a route's coverage there differs from its judged coverage."""
+    """The goal on the search's cells, corrected by the difference from the evaluated coverage of a route."""
     return min(1.0, max(0.0, seen + with_safety(goal) - judged))
 
 
@@ -355,15 +354,15 @@ def _chain(
 
 
 def search_waypoints(
-    work: Work,  # what is looked at, and how much may be done
+    work: Work,  # the problem and the remaining budget
     starts: Sequence[SearchStart],  # one at least; long ones of few waypoints are good for the higher prices
     *,
-    goal: float,  # share of what can be covered
+    goal: float,  # fraction of the visible ground
     capacity: int,  # most waypoints
-    until: float,  # share of all the work, 0..1, after which this search ends
+    until: float,  # fraction of all the work, 0..1, after which this search ends
     judge: RouteJudge,  # judges what is found
 ) -> list[SearchStart]:
-    """Find routes that reach a goal with ever fewer waypoints."""
+    """Find routes that reach a goal with fewer and fewer waypoints."""
     begin, tuned = work.pace.fraction, work.tuning.goal
     prices = _thinned(tuned.waypoint_prices, _most_goals(work, until - begin))
     each = (until - begin) / len(prices)

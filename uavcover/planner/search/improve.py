@@ -53,7 +53,7 @@ from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.sensing.site_maps import finer_map, judging_maps
 
 _FLOWN = 0.98
-"""The coverage that it goes for when the rule asks for none."""
+"""The goal if the rule requires no coverage."""
 
 _LOCAL_SEARCH_STREAM = 1
 
@@ -69,15 +69,15 @@ class Improved:
 
 def improve(
     coverage: CoverageMap,  # on the planner's cells
-    judging: CoverageMap,  # on the cells by which routes are judged
+    judging: CoverageMap,  # on the evaluation grid
     candidates: Sequence[Candidate],  # found so far; those that break a limit are no beginning
     # its effort and clock, the executor of its chains, and who follows it; evaluations that are done already count
     run: SearchRun,
     *,
     settings: PlannerSettings,  # encoding, capacity and seed
-    rule: Rule,  # by which one route will be chosen: most of the work goes where it chooses
+    rule: Rule,  # selects one route; most of the work goes to its coverage
     evaluations_done: int,  # by the optimizer
-    # may look at what has been found, between batches
+    # may inspect the routes found, between batches
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
     tuning: SearchTuning = TUNED,  # of the search
 ) -> Improved:
@@ -128,7 +128,7 @@ def improve(
         None if finer is None else partial(finest_problem, finer), tuning,
     )  # fmt: skip
     capacity = _capacity(problem, settings, starts, tuned)
-    # Where time is paid for, finer cells are asked only about what the own cells confirm.
+    # If time costs, finer cells are evaluated only after the search's own cells confirm the route.
     exactly = judging_of.on_each if effort.budget_s is None else OneAfterTheOther(judges)
     judge = RouteJudge(
         lambda route, goal: exactly(judging_of.as_chosen(route), goal), judging_of.keep, judging_of.closed
@@ -141,7 +141,7 @@ def improve(
         )
         finer = finer_map(site)
         if finer is not None:
-            # The choice asks these cells: they are made ready while there is time for it.
+            # The final choice needs these cells, so prepare them while there is time.
             _ = finer.coverable
         on_these_cells = RouteJudge(lambda route, _: share_seen(judging_of.as_chosen(route), judging), judging_of.keep)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
@@ -150,22 +150,22 @@ def improve(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judging:
-    """Judge the routes of a search as they would be chosen, and keep what it finds."""
+    """Evaluate the routes of a search as final routes, and store its results."""
 
     site: Site  # the scenario on its ground
-    judging: CoverageMap  # the cells by which routes are judged
+    judging: CoverageMap  # the evaluation grid
     judges: Sequence[CoverageMap]  # these, and finer ones
     problem: RouteProblem  # the search's
     tuned: GoalTuning  # how gaps are closed
-    executor: Executor | None  # judges on several maps at once; none: one after the other
+    executor: Executor | None  # judges on several maps at once; None: one after the other
     kept: list[Route]  # the routes that were found
 
     def as_chosen(self, route: Route) -> Route:
-        """The route with sure photos and sound corners, which can be chosen. On long routes they cost some coverage."""
+        """The route with sure photos and sound corners, as a final choice requires. Long routes lose some coverage."""
         return with_sound_corners(self.site, surely(self.site, route))
 
     def keep(self, route: Route) -> None:
-        """Keep a route that was found, as it can be chosen."""
+        """Store a route in the form of a final choice."""
         self.kept.append(self.as_chosen(_shortened(self.problem, route)))
 
     def on_each(self, route: Route, _goal: float) -> float:
@@ -174,11 +174,11 @@ class _Judging:
         return min(seen(partial(share_seen, route), self.judges))
 
     def closed(self, route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
-        """The route with its gaps closed; none where it reaches the goal, or they are too many."""
+        """The route with its gaps closed; None if it reaches the goal, or has too many gaps."""
         begun, nearly, aim = self.as_chosen(route), goal > self.tuned.nearly_all, with_safety(goal)
         judges = self.judges if nearly else [self.judging]
         reaches = None
-        # Far from the goal they bring too little for their time.
+        # Far from the goal, closing gaps is not worth the time.
         if aim - _least_seen(begun, judges) <= self.tuned.most_short:
             price = self.tuned.nearly_all_price * self.tuned.closed_dearer if nearly else self.tuned.waiting_price
             begun = with_turns_further_out(
@@ -194,7 +194,7 @@ class _Judging:
 
 
 def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[SearchStart]:
-    """The feasible routes, with their share of the coverable area."""
+    """The feasible routes, with their fraction of the visible ground."""
     legs = coverage.site.scenario.limits.applies_to == "legs"
     # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
     longest = settings.capacity if settings.encoding == "waypoints" and not legs else MOST_WAYPOINTS
@@ -209,11 +209,11 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
 
 _MOST_MENDED = 6
 _SEES_MOST = 0.5
-"""Routes that see at least this share of the most are mended, those that break the limits by the least first."""
+"""Routes that observe at least this fraction of the most are repaired, those that break the limits by the least first."""
 
 
 def _mended_starts(coverage: CoverageMap, known: Sequence[Candidate], is_over: Callable[[], bool]) -> list[SearchStart]:
-    """Routes made of stretches that keep the limits, of known ones that break them and see more than all others."""
+    """Routes made of stretches that keep the limits, of known ones that break them and observe more than all others."""
     site = coverage.site
     feasible = [float(each.objectives[0]) for each in known if each.violation <= 0.0]
     more = [each for each in known if each.violation > 0.0 and each.objectives[0] < min(feasible, default=0.0)]
@@ -238,7 +238,7 @@ def _capacity(
 
 
 def _shortened(problem: RouteProblem, route: Route) -> Route:
-    """Where the order is free: a short tour, if it costs less, begun at the end that is nearer to the origin."""
+    """With a free order: a shorter tour if it costs less, begun at the end that is nearer to the origin."""
     if not problem.free_order or len(route) < 2:
         return route
     points = route.waypoints_m
@@ -281,18 +281,18 @@ class _Progress:
 
 # Turns further out, where that shows enough for its way.
 #
-# The local search counts what is seen from straight legs, and half of a photo's distance beyond the end of each leg. A search
-# makes its lines as short as that allows: a corner is passed on the inside, and where a line turns back the last photo is
-# missing more often than not.
+# The local search counts what is observed from straight legs, and half of a photo's distance beyond the end of each leg. A
+# search makes its lines as short as that allows: a corner is passed on the inside, and where a line turns back the last photo
+# is missing more often than not.
 
 _TURNS_RAD = math.radians(50.0)
-"""Below this turn the line goes on, and its photos too."""
+"""Below this turn, the line and its photos continue."""
 
 _MOST_WAY = 0.75
-"""Share of the distance between two photos: a turn does not wait longer."""
+"""Fraction of the trigger distance that a turn waits at most."""
 
 _MORE_M = (1.5, 6.0)
-"""A turn waits by so much longer than the line is too short: it is passed on the inside."""
+"""Extra distance of a turn, because the vehicle cuts the corner."""
 
 _SWEEPS = 3
 _REACHES = 2.0
@@ -303,22 +303,20 @@ _PASSED_M, _OUTWARD = 1.0, (1.0, 1.8)
 
 
 def with_turns_further_out(
-    judges: Sequence[CoverageMap],  # the cells by which routes are judged
+    judges: Sequence[CoverageMap],  # the evaluation grid
     route: Route,  # keeps the limits
-    goal: float,  # share of what can be covered, on each of them
+    goal: float,  # fraction of the visible ground, on each of them
     *,
     cost: Callable[[Route], float],  # of a route
-    # of all coverage, in costs of the route: what a turn shows further out has to be worth more than its way
+    # of all coverage, in costs of the route: penalty for missing coverage, compared with the extra distance
     price: float,
     reach_m: float,  # farther from all missing ground, a waypoint stays
-    is_over: Callable[[], bool],  # whether there is no time left for it
+    is_over: Callable[[], bool],  # whether the time is over
 ) -> Route:
-    """The route with turns that wait for their next photo or lie further out.
-
-    One after the other, until the goal is reached.
+    """The route with turns that wait for their next photo or are further out, one by one until the goal is reached.
 
     Returns:
-        The route itself where no turn should lie elsewhere.
+        The route itself if no turn needs to move.
     """
     site = judges[0].site
     best, seen, spent = route, _least_seen(route, judges), cost(route)
@@ -337,7 +335,7 @@ def with_turns_further_out(
                     return best
                 if _violations(site, other) > violations:
                     continue
-                # Each map can only lower what it is worth: the large ones judge few.
+                # Each map can only lower the value of a change, so the large maps evaluate few.
                 sees, way = goal, cost(other) - spent
                 for judging in judges:
                     if (sees - seen) * price * spent - way > worth:
@@ -357,7 +355,7 @@ def _least_seen(route: Route, judges: Sequence[CoverageMap]) -> float:
 
 
 def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
-    """The route with a waypoint moved further along, to the next photo; none where that is not needed."""
+    """The route with a waypoint moved forward to the next photo; None if that is not needed."""
     points, trigger_m = route.waypoints_m, trigger_distance_m(site.scenario)
     if number == 0 or trigger_m is None:
         return
@@ -378,7 +376,7 @@ def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
 
 
 def _outward_at(site: Site, route: Route, number: int) -> Iterator[Route]:
-    """The route with a waypoint moved outward, or either of its legs longer there, where it is passed on the inside."""
+    """Routes with a waypoint moved outwards, or with one of its legs longer, if the vehicle cuts the corner."""
     points = route.waypoints_m
     out_m = (points[number] - places_passed_m(site, points)[number])[:2]
     passed_m = float(np.hypot(*out_m))
@@ -394,7 +392,7 @@ def _outward_at(site: Site, route: Route, number: int) -> Iterator[Route]:
 
 
 def _moved(site: Site, route: Route, number: int, way_m: FloatArray) -> Iterator[Route]:
-    """The route with a waypoint moved (2,) metres on the map at its height above ground; none beyond the elevation data."""
+    """The route with a waypoint moved (2,) metres on the map at its height above ground; nothing outside the elevation data."""
     moved = np.array(route.waypoints_m)
     height_agl_m = site.ground.heights_agl_m(moved[number])
     moved[number, :2] += way_m

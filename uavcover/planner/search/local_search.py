@@ -1,7 +1,7 @@
-"""The local search: its starts, the cells it counts coverage on, and annealing chains side by side.
+"""The local search: its initial solutions, its cells, and parallel annealing chains.
 
-Chains run in batches, until the evaluations or the time are used up. The cells are other ones than routes are judged on, with a
-margin by which the sensor is narrowed there, so that a route is not laid out for the places of single centres.
+Chains run in batches until the evaluations or the time are used up. The cells differ from the evaluation grid, and the sensor is
+narrowed by a margin, so that a route does not exploit the exact positions of cell centres.
 """
 
 import bisect
@@ -27,22 +27,22 @@ from uavcover.sensing.cells import is_judged_on_smaller_cells, make_scattered_ce
 from uavcover.sensing.coverage_map import CoverageMap
 
 CHAINS = 2
-"""Chains that run side by side, for any number of threads: the result must not depend on it."""
+"""Chains in parallel, for any number of threads: the result must not depend on it."""
 
 PROPOSALS_PER_EVALUATION = 50
 """This number of proposals counts as one evaluation: about what they cost in time (docs/results/coverage.md)."""
 
 _BATCHES = 400
 _LARGEST_BATCH = 5000
-"""A batch is not interrupted: it must be over in a moment."""
+"""Duration of a batch, which cannot be interrupted."""
 
 
 class SearchPace(Protocol):
-    """Pace of a search: how much of the work remains."""
+    """Pace of a search: the remaining work."""
 
     @property
     def fraction(self) -> float:
-        """Share of the work that is done, 0..1."""
+        """Fraction of the work that is done, 0..1."""
         ...
 
     def next_batch(self) -> int:
@@ -64,7 +64,7 @@ class PaceByNumber:
 
     @property
     def fraction(self) -> float:
-        """Share of the work that is done, 0..1."""
+        """Fraction of the work that is done, 0..1."""
         return 1.0 - self._left / self._total if self._total > 0 else 1.0
 
     def next_batch(self) -> int:
@@ -88,7 +88,7 @@ class PaceByClock:
 
     @property
     def fraction(self) -> float:
-        """Share of the time used, 0..1."""
+        """Fraction of the time used, 0..1."""
         return min(1.0, (self._now() - self._begin) / max(self._until - self._begin, 1e-9))
 
     def next_batch(self) -> int:
@@ -97,7 +97,7 @@ class PaceByClock:
         return self._batch if self._at < self._until else 0
 
     def done(self, proposals: int) -> None:
-        """Record proposals, and size the next batch by the time that this one took, without what was done before it."""
+        """Record proposals, and size the next batch by the time that this one took, without earlier work."""
         now = self._now()
         wanted_s = min(self._batch_s, max(self._until - now, 1e-3))
         each_s = max(now - self._at, 1e-6) / max(proposals // CHAINS, 1)
@@ -109,7 +109,7 @@ class PaceByClock:
 class Chain:
     """One route under annealing."""
 
-    problem: RouteProblem  # what is looked at
+    problem: RouteProblem  # the problem
     state: RouteState  # the route
     prices: Prices  # of the energy
     hottest: float  # temperature at the beginning of a stage
@@ -117,7 +117,7 @@ class Chain:
     step_m: float  # widest moves
     fewest: int  # waypoints
     most: int  # waypoints
-    rebuilt: float = 0.0  # share of the proposals that rebuild the route around a waypoint, where the order is free
+    rebuilt: float = 0.0  # fraction of the proposals that rebuild the route around a waypoint, where the order is free
 
     @property
     def route(self) -> Route:
@@ -126,7 +126,7 @@ class Chain:
 
     @property
     def seen(self) -> float:
-        """Share of what counts that is seen, 0..1."""
+        """Fraction of the counted ground that is observed, 0..1."""
         return float(self.state.seen[0])
 
     @property
@@ -144,26 +144,25 @@ class Chain:
 class Work:
     """The work of one local search, and its observers."""
 
-    problem: RouteProblem  # what is looked at
+    problem: RouteProblem  # the problem
     pace: SearchPace  # how much is left
     rngs: Sequence[np.random.Generator]  # one random generator for each chain
     executor: Executor | None  # runs the chains side by side; the result does not depend on it
-    should_stop: Callable[[], bool]  # asked between batches
+    should_stop: Callable[[], bool]  # called between batches
     on_batch: Callable[[Sequence[Chain]], None]  # called after every batch, with the chains
-    # the problem on the finest cells that counts of a route what is judged of it; none where there are none
+    # the problem on the finest cells, which agrees with the evaluation grid; None without finer cells
     finest: Callable[[Route, float], RouteProblem] | None = None
     tuning: SearchTuning = TUNED  # of the search
     proposals: int = 0  # done so far, by all chains
     stopped: bool = field(default=False)  # whether ``should_stop`` ended the work
-    # share of all the work that judging routes and preparing chains took the last time; 0 where work is counted by
-    # proposals
+    # fraction of all the work that the last evaluation and preparation of chains took; 0 if work is counted in proposals
     correction: float = 0.0
 
     def run(self, chains: Sequence[Chain], *, until: float) -> bool:
-        """Anneal CHAINS chains until a share ``until`` of all work is done, cooling throughout; False: no work is left.
+        """Anneal CHAINS chains until a fraction ``until`` of all work is done, cooling throughout; False: no work is left.
 
         Args:
-            chains: are changed.
+            chains: modified in place.
             until: 0..1 of all the work.
         """
         begin = self.pace.fraction
@@ -198,23 +197,23 @@ class SearchStart:
     """A feasible route to start from."""
 
     route: Route  # its waypoints
-    seen: float  # share of what can be covered that it sees on the planner's cells
+    seen: float  # fraction of the visible ground that it observes on the planner's cells
 
 
 def starts_worth_looking_at(
-    problem: RouteProblem,  # what is looked at
+    problem: RouteProblem,  # the problem
     routes: Sequence[Route],  # of any coverage
-    goal: float,  # share of what can be covered
-    share_seen: Callable[[Route], float],  # share of what can be covered that a route sees
+    goal: float,  # fraction of the visible ground
+    share_seen: Callable[[Route], float],  # fraction of the visible ground that a route observes
     tuned: GoalTuning = TUNED.goal,  # has the price of what is missing
 ) -> list[SearchStart]:
     """Routes as initial solutions for a goal, without those too expensive for :func:`best_starts`.
 
-    Finding out what a route sees takes long on many cells. Missing coverage only adds to its cost: routes are looked at from the
-    cheapest on, until the next one costs more than the best come to, as many as there are chains.
+    Computing coverage is slow on many cells, and missing coverage only adds to the cost. So routes are evaluated from the
+    cheapest on, until the next one costs more than the total of the best CHAINS.
 
     Returns:
-        Beginnings in the order of the routes; the best CHAINS of all are among them.
+        Initial solutions in the order of the routes; the best CHAINS of all are among them.
     """
     costs = [problem.cost(route) for route in routes]
     looked: dict[int, SearchStart] = {}
@@ -228,29 +227,29 @@ def starts_worth_looking_at(
 
 
 def best_starts(
-    problem: RouteProblem,  # what is looked at
+    problem: RouteProblem,  # the problem
     starts: Sequence[SearchStart],  # of any coverage
-    goal: float,  # share of what can be covered
+    goal: float,  # fraction of the visible ground
     waypoint_m: float = 0.0,  # a price of waypoints beside that of the cost
     tuned: GoalTuning = TUNED.goal,  # has the price of what is missing
 ) -> list[SearchStart]:
-    """The beginnings for a goal, the best first."""
+    """The initial solutions for a goal, the best first."""
     return sorted(starts, key=lambda start: _merit(problem, start, goal, waypoint_m, tuned))
 
 
 def starts_of_chains(
     problem: RouteProblem, ranked: Sequence[SearchStart], goal: float, tuned: GoalTuning = TUNED.goal
 ) -> list[SearchStart]:
-    """The best beginning, and for the second chain one of other lines if that is nearly as good.
+    """The best initial solution, and for the second chain one with other lines if that is nearly as good.
 
-    Otherwise it is the next best. Most beginnings are the best one with a few waypoints more, and two chains from the same lines
-    end with the same lines.
+    Otherwise the second chain gets the next best. Most initial solutions are the best one with a few more waypoints, and two
+    chains from the same lines end with the same lines.
 
     Args:
-        problem: what is looked at.
-        ranked: the beginnings, the best first.
-        goal: share of what can be covered.
-        tuned: has how much worse other lines may be.
+        problem: the problem.
+        ranked: the initial solutions, the best first.
+        goal: fraction of the visible ground.
+        tuned: its limit for the cost of other lines.
     """
     best, *others = ranked
     if problem.free_order or not others or goal > tuned.nearly_all:
@@ -262,14 +261,14 @@ def starts_of_chains(
 
 
 def share_apart(route: Route, other: Route, apart_m: float) -> float:
-    """Share of the legs of a route with no leg of the other nearby, 0..1; of both the larger one.
+    """Fraction of the legs of a route without a nearby leg of the other one, 0..1; the larger one of both routes.
 
-    Only legs that run about as they do count.
+    Only legs in a similar direction count.
 
     Args:
-        route: of two waypoints at least, otherwise nothing is nearby.
+        route: at least two waypoints, otherwise no leg is nearby.
         other: the same.
-        apart_m: how far away on the map is nearby.
+        apart_m: largest distance on the map of a nearby leg.
     """
     if min(len(route), len(other)) < 2:
         return 1.0
@@ -295,23 +294,23 @@ def _share_without(line_m: FloatArray, other_m: FloatArray, apart_m: float) -> f
 def _merit(
     problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float, tuned: GoalTuning
 ) -> tuple[bool, float]:
-    """Smallest for the best initial solution. Where the order is free, any route that reaches the goal ranks first."""
+    """Smallest for the best initial solution. With a free order, any route that reaches the goal ranks first."""
     with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, problem.reach_m)
     cost = problem.cost(start.route) * with_waypoints
     return problem.free_order and start.seen < goal, tuned.start_cost(cost, start.seen, goal)
 
 
 MARGIN_CELLS = 0.45
-"""Reduction of the planner's sensor range, in planning cells, where other cells judge."""
+"""Reduction of the planner's sensor range, in planning cells, if the evaluation grid differs."""
 
 SCATTERED_MARGIN_CELLS = 0.1
 """The same on scattered cells. A route passes them at all distances, so that it barely profits from their centres."""
 
 _OTHER_LINES = 0.08
-"""Routes have other lines where more of one than this share has no leg of the other nearby: a line that returns is a tenth."""
+"""Routes have other lines if more than this fraction of one has no nearby leg of the other. A return line is a tenth."""
 
 _FAR_LESS = 0.04
-"""A share of coverage: of scripts/bench/kinds.py, photos every 40 m over cliffs are counted 0.05 to 0.2 less than they are
+"""A fraction of coverage: of scripts/bench/kinds.py, photos every 40 m over cliffs are counted 0.05 to 0.2 less than they are
 judged, others up to 0.025."""
 
 
@@ -323,20 +322,20 @@ _LARGEST_MARGIN, _HALVINGS, _AS_JUDGED = 0.5, 7, 1e-4
 """Largest margin on the finest cells, in cells; halvings to find one; and how far what is counted may be from what is judged."""
 
 _HIDDEN, _LESS_MARGIN = 0.004, (0.05, 0.025, 0.0)
-"""Where the narrowed sensor loses more of the best beginning, a share of coverage, its lines have no room for the margin, and a
-smaller one, in cells, is tried."""
+"""Where the narrowed sensor loses more of the best beginning, a fraction of coverage, its lines have no room for the margin,
+and a smaller one, in cells, is tried."""
 
 
 def search_problem(
     coverage: CoverageMap, judging: CoverageMap, starts: Sequence[SearchStart], goal: float
 ) -> RouteProblem:
-    """The problem of a search: on scattered cells, or at waypoints on the planner's.
+    """The problem of a search: on scattered cells, or on the planner's cells if the sensor observes at waypoints.
 
-    Where lines side by side leave no room for the margin, there is none: a search that sees gaps between all lines which reach
-    the goal would close them, or give the goal up.
+    If adjacent lines leave no room for the margin, the problem has none. Otherwise a search would see gaps between all lines of a
+    route that reaches the goal.
 
-    Where routes are judged on smaller cells, these see other ground than the planner's do: on the walls of a canyon a search saw
-    98.6 % where 93.7 % were judged, and its goal, corrected up to 100 %, had no effect any more.
+    If the evaluation grid is finer, it covers other ground than the planner's cells. On the walls of a canyon a search counted
+    98.6 % where the evaluation found 93.7 %, and correcting its goal up to 100 % had no further effect.
     """
     site = coverage.site
     if site.scenario.sensor.looks_along_path or is_judged_on_smaller_cells(site):
@@ -351,7 +350,7 @@ def search_problem(
 
 
 def counted_as_judged(problem: RouteProblem, judging: CoverageMap, starts: Sequence[SearchStart]) -> RouteProblem:
-    """The problem; where it counts far less of what photos by distance show than is judged, with likely photos."""
+    """The problem, with likely photos if it counts far less ground in distance-triggered photos than the evaluation."""
     if problem.numbers.trigger_m == 0.0:
         return problem
     most = max(starts, key=lambda start: start.seen).route
@@ -361,17 +360,16 @@ def counted_as_judged(problem: RouteProblem, judging: CoverageMap, starts: Seque
 
 
 def share_counted(problem: RouteProblem, route: Route) -> float:
-    """Share of what can be covered that a search counts of a route."""
+    """Fraction of the visible ground that a search counts for a route."""
     return float(state_of(problem, route, capacity=len(route)).seen[0])
 
 
 def finest_problem(cells: CoverageMap, route: Route, judged: float) -> RouteProblem:
-    """The problem on the finest cells that counts as much of a route as is judged.
+    """The problem on the finest cells that counts as much of a route as the evaluation grid.
 
-    It is for a search for nearly all of the ground.
-
-    Straight legs show more than flown corners do, and photos by distance fall anywhere: where all is counted as seen and less is
-    judged, the goal has no effect. So the sensor is narrowed, or ground has to be in view for longer, until as much is missing.
+    It is for searches for nearly all of the ground. Straight legs show more than flown corners, and distance-triggered photos
+    fall anywhere. If a search counts everything as observed but the evaluation finds less, the goal has no effect. So the sensor
+    is narrowed, or ground must be in view for longer, until as much is missing.
     """
     counted_so = _problem(cells.site, cells, margin_cells=0.0)
     if counted_so.numbers.trigger_m > 0.0:
@@ -393,7 +391,10 @@ def finest_problem(cells: CoverageMap, route: Route, judged: float) -> RouteProb
 
 
 def _with_room(cells: CoverageMap, route: Route, margins: Sequence[float], hidden: float) -> RouteProblem:
-    """The problem with the first margin, in cells, that hides no more than a share of what a route sees; else with the last."""
+    """The problem with the first margin, in cells, that hides at most a fraction of the observed ground.
+
+    Without one, the problem with the last margin.
+    """
     seen = share_seen(route, cells)
     for margin_cells in margins[:-1]:
         problem = _problem(cells.site, cells, margin_cells=margin_cells)

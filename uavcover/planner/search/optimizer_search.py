@@ -1,7 +1,7 @@
-"""Search by an optimizer: it asks, routes are decoded and evaluated, and it receives their values.
+"""Search by an optimizer, which proposes genes and receives the values of the decoded routes.
 
-Encodings are the paper's free waypoints with activation genes, for sensors that observe from waypoints, and swath layouts, whose
-genes are counted from a known good layout.
+Encodings: the paper's free waypoints with activation genes, for sensors that observe from waypoints; and swath layouts, with
+genes relative to a known good layout.
 """
 
 import math
@@ -44,10 +44,10 @@ class SearchProgress:
 
     evaluations: int  # routes evaluated so far
     total: int  # routes that will be evaluated, or an estimate under a time budget
-    best_coverage: float  # largest share of the planner's cells that a feasible route sees
-    # of the feasible routes that reach the required coverage, in the unit of the objective; none yet or none required
+    best_coverage: float  # largest coverage of the planner's cells by a feasible route
+    # of the feasible routes with the required coverage, in the unit of the objective; None without one
     least_cost: float | None
-    incumbent: Route | None = None  # the best route so far; none where it is not known
+    incumbent: Route | None = None  # the best route so far; None if unknown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,16 +55,16 @@ class Searched:
     """Result of a search."""
 
     interrupted: bool  # whether the user ended it
-    scale: FloatArray | None  # (3,) by which the objectives were divided for the optimizer; None: it received no values
+    scale: FloatArray | None  # (3,) divisors of the objectives for the optimizer; None: it received no values
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
     """Effort of a search: a number of evaluations, or a time budget in seconds measured by ``now``.
 
-    The baselines get at most half of the budget, a tenth or less where a local search follows; the optimizer at least one round.
-    Where a local search follows, all of planning is inside (:class:`uavcover.planner.front.Finish`); of a plain optimizer
-    judging what was found comes on top.
+    The baselines use at most half of the budget, or a tenth before a local search. The optimizer runs at least one round. With a
+    local search, the budget includes all of planning (:class:`uavcover.planner.front.Finish`); the evaluation of a plain
+    optimizer's result comes on top.
     """
 
     evaluations: int
@@ -72,11 +72,11 @@ class Effort:
     now: Callable[[], float]
 
     def left_s(self, started: float, *, share: float = 1.0) -> float:
-        """Time left of a share of the time budget since ``started``; infinite without a budget."""
+        """Time left of a fraction of the time budget since ``started``; infinite without a budget."""
         return math.inf if self.budget_s is None else share * self.budget_s - (self.now() - started)
 
     def is_over(self, started: float, *, share: float = 1.0) -> bool:
-        """Whether a share of the time budget, if there is one, has been used since ``started``."""
+        """Whether a fraction of the time budget, if there is one, has been used since ``started``."""
         return self.left_s(started, share=share) <= 0.0
 
 
@@ -86,8 +86,8 @@ class SearchRun:
 
     effort: Effort  # when to stop
     started: float  # when planning began, by the effort's clock
-    executor: Executor | None = None  # works on routes side by side; the result does not depend on it
-    should_stop: Callable[[], bool] = lambda: False  # the user's stop, asked before every round or batch
+    executor: Executor | None = None  # works on routes in parallel; the result does not depend on it
+    should_stop: Callable[[], bool] = lambda: False  # the user's stop, called before every round or batch
     on_progress: Callable[[SearchProgress], None] = lambda _: None  # called after every round or batch
 
 
@@ -100,12 +100,10 @@ def rounds_of(
     population_size: int,
     executor: Executor | None,
 ) -> int:
-    """Number of rounds that the optimizer should plan for.
+    """Number of rounds for which the optimizer plans its steps, which shrink with the remaining rounds (Eq. 12, 20, 21).
 
-    Its steps shrink with the rounds that are left (Eq. 12, 20, 21).
-
-    Under a time budget a few routes from all over the encoding are timed, after one that warms up the compiled code, and
-    what is left of the budget is divided by that. The clock ends the search all the same.
+    Under a time budget, time a few routes from all over the encoding after one that warms up the compiled code, and divide the
+    remaining time by the result. The clock ends the search in any case.
     """
     if effort.budget_s is None:
         return max(1, effort.evaluations // population_size)
@@ -126,8 +124,8 @@ def search(
     rounds: int,  # that it was made for
     encoding: Encoding,  # of the routes
     coverage: CoverageMap,  # on the planner's cells
-    at_least_one_round: bool,  # whether the user's stop waits for the first round, because there is no other route yet
-    goal: float | None,  # required share of the planner's cells, if one is required
+    at_least_one_round: bool,  # whether the user's stop waits for the first round, because no other route exists
+    goal: float | None,  # required fraction of the planner's cells, if one is required
     # may look at the Pareto set, before each round is added to it
     look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
 ) -> Searched:
@@ -160,9 +158,10 @@ def search(
 
 
 def _spread(objectives: FloatArray) -> FloatArray:
-    """(m,) powers of two next to the spread of (n, m) objectives, to make the objectives of comparable size.
+    """(m,) powers of two near the spread of (n, m) objectives, which scale the objectives to comparable sizes.
 
-    What sums objectives up (MOEA/D) needs that. Powers of two round nothing, so all others propose exactly the same.
+    MOEA/D needs this because it adds objectives up. Powers of two cause no rounding, so other optimizers propose exactly the
+    same.
     """
     spread = np.ptp(objectives, axis=0)
     return np.asarray(2.0 ** np.round(np.log2(np.where(spread > 0.0, spread, 1.0))))
@@ -171,7 +170,7 @@ def _spread(objectives: FloatArray) -> FloatArray:
 class WaypointEncoding:
     """Four genes for each of ``capacity`` nodes: east, north, height, activation.
 
-    - The height gene 0..1 is a share of what is allowed at the place: the height band cut with the sea-level limits. No
+    - The height gene 0..1 is a fraction of what is allowed at the place: the height band cut with the sea-level limits. No
       node is ever under the ground (NOTES on section 5.2).
     - A node takes part when its activation gene is above one half; when none is, the one with the largest.
     - Order: the node nearest the reference, then always the nearest (section 2.1); "improved" shortens that by 2-opt.
@@ -235,13 +234,13 @@ _FIXED = 5
 
 
 class SwathEncoding:
-    """Genes -1..1, all zero for the layout that the encoding is centred on.
+    """Genes -1..1; all zero for the layout that the encoding is centred on.
 
-    The dung beetle's moves are drawn to the origin of the genes (Eq. 9 and 12 to 16 multiply positions; measured in
-    docs/explanation/imodbo.md), so the origin is a good layout: the tuned boustrophedon. In order: direction (a quarter turn
-    either way), number of lines (up to two more or fewer), inset, tolerance, start corner; then the width of every gap
-    (1 / 1.6 to 1.6 times) and the height of every line (half the band either way, inside the band by what
-    the legs may leave it). Genes of lines that a layout does not have are ignored.
+    The moves of the dung beetles are drawn to the origin of the genes, because Eq. 9 and 12 to 16 multiply positions (measured in
+    docs/explanation/imodbo.md). So the origin is a good layout: the tuned boustrophedon. The genes, in order: direction (up to a
+    quarter turn), number of lines (up to two more or fewer), inset, tolerance, start corner, the width of every gap (1 / 1.6 to
+    1.6 times), and the height of every line (up to half the band, less the tolerance of the legs). Genes of missing lines are
+    ignored.
 
     Attributes:
         lower: (d,) lower bounds, all -1; d = 5 + 2 capacity + 1.
@@ -270,7 +269,7 @@ class SwathEncoding:
         heights = np.full(lines, float(np.mean(centre.heights_agl_m)))
         heights += genes[_FIXED + self._capacity + 1 :][:lines] * 0.5 * (self._high - self._low)
         tolerance = centre.tolerance_m * 4.0 ** float(genes[3])
-        # A leg that may leave its height both ways needs a tenth of the waypoints of one pressed against the ceiling.
+        # A leg that may deviate upwards and downwards needs a tenth of the waypoints of one at the upper limit.
         inner = min(tolerance, 0.25 * (self._high - self._low))
         return SwathLayout(
             angle_rad=centre.angle_rad + float(genes[0]) * 0.5 * math.pi,
@@ -295,7 +294,7 @@ class SwathEncoding:
         genes[0] = quarter_turn / (0.5 * math.pi)
         start = layout.start
         if round((turn - quarter_turn) / math.pi) % 2:
-            # Half a turn further the same lines are flown from the opposite corner.
+            # After half a turn, the same lines start at the opposite corner.
             start ^= 2 if len(layout.heights_agl_m) % 2 else 3
         genes[4] = math.remainder(start - centre.start, 4) / 2.0
         genes[1] = (len(layout.heights_agl_m) - len(centre.heights_agl_m)) / SPARE_LINES

@@ -1,6 +1,6 @@
-"""The problem of the local search, routes as its incremental state, and their judges.
+"""The problem of the local search, routes as its incremental state, and their evaluation.
 
-The problem is a site as numbers for the kernels. Judges count coverage on the evaluation grid.
+The problem describes a site to the kernels. Judges compute coverage on the evaluation grid.
 """
 
 import math
@@ -25,7 +25,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import narrowed, sample_spacing_m, trigger_distance_m
 
 MOST_WAYPOINTS = 60_000
-"""A longer route is not searched: a cell is counted in 16 bits."""
+"""Longer routes are not searched, because counts of a cell have 16 bits."""
 
 _RUNS_OF_A_ROW = 3
 """Average runs of cells that a leg observes in the rows it passes. There is room for them on a leg across the whole area."""
@@ -36,52 +36,52 @@ class RouteProblem:
     """The kernels' view of a site."""
 
     numbers: SearchProblem  # for :mod:`uavcover.kernels.annealing`
-    reach_m: float  # how far the sensor sees on the map from the middle of the allowed band
+    reach_m: float  # horizontal radius of the view from the middle of the height band
     stride: int  # most numbers that the runs of a segment may have
 
     def cost(self, route: Route) -> float:
-        """Cost of a route, apart from missing coverage: its length, or the planner's objective, with the price of waypoints."""
+        """Cost of a route without missing coverage: its length or the planner's objective, plus the penalty for waypoints."""
         return float(route_cost(self.numbers.surface, self.numbers.way, route.waypoints_m))
 
     def cost_of_way(self, route: Route) -> float:
-        """The cost without the price of the waypoints."""
+        """The cost without the penalty for waypoints."""
         way = self.numbers.way._replace(waypoint_price=0.0)
         return float(route_cost(self.numbers.surface, way, route.waypoints_m))
 
     @property
     def is_of_length(self) -> bool:
-        """Whether the cost of a way is its length."""
+        """Whether the cost of a path is its length."""
         return bool(self.numbers.way.unit == LENGTH and self.numbers.way.deviation_price == 0.0)
 
     def metres_per_cost(self, route: Route) -> float:
-        """Brings costs to metres of path, by a route that has both; 1 where the cost is the length."""
+        """Factor from cost to metres of path, from a route that has both; 1 if the cost is the length."""
         if self.is_of_length:
             return 1.0
         cost = self.cost(route)
         return route.length_m / cost if cost > 0.0 and route.length_m > 0.0 else 1.0
 
     def with_pictures_in_view(self, share: float) -> "RouteProblem":
-        """The problem in which ground counts that is in view along this multiple of the distance between two photos.
+        """The problem that counts ground in view along at least this multiple of the trigger distance.
 
-        Of what is in view along a part of it as many photos or more show it. On cliffs little ground is in view all the way:
-        on terraces, with a photo every 40 m, lines that see 98 % were counted as 79 %. Along more, photos are surer.
+        At least this number of photos shows such ground. On cliffs, little ground is in view all the way: on terraces with a
+        photo every 40 m, lines that observe 98 % were counted as 79 %. A larger multiple makes photos surer.
         """
         return replace(self, numbers=self.numbers._replace(trigger_m=share * self.numbers.trigger_m))
 
     @property
     def free_order(self) -> bool:
-        """Whether waypoints may be visited in any order: nothing is seen and nothing is limited between them."""
+        """Whether waypoints can be visited in any order, because legs neither observe nor have limits."""
         return self.numbers.sensing == AT_WAYPOINTS and self.numbers.limits.legs == 0
 
 
 def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> RouteProblem:
-    """The kernels' view of a site; only coverable cells count.
+    """The kernels' view of a site; only visible cells count.
 
     Args:
         coverage: the cells to count on.
-        margin_m: reduction of the sensor's range on the map, so that a route does not exploit the exact places of the
-            cells' centres.
-        reach_m: horizontal radius that the sensor sees from a usual height.
+        margin_m: reduction of the sensor's range on the map, so that a route does not exploit the exact positions of cell
+            centres.
+        reach_m: horizontal radius of the view from a usual height.
     """
     site = coverage.site
     scenario = site.scenario
@@ -112,7 +112,7 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
         trigger_distance_m(scenario) or 0.0,
     )
     across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
-    # A place may see every other cell of what is in reach. Of a leg, however long, a row has few runs; ragged ones are split.
+    # From a position, every other cell in reach may be visible. A leg has few runs per row, or is split.
     with_scatter = across + 2.0 * cells.scatter_m / cells.size_m
     stride = int(0.25 * math.pi * with_scatter * with_scatter) + 8
     if scenario.sensor.looks_along_path:
@@ -142,12 +142,12 @@ def _limits(site: Site) -> RouteLimits:
 
 
 def state_of(problem: RouteProblem, route: Route, *, capacity: int) -> RouteState:
-    """Incremental state of a route, with its observations counted; the longest legs are split while one has no room.
+    """Incremental state of a route with its observations counted. The longest legs are split until each one fits.
 
     Args:
-        problem: what is looked at.
-        route: one waypoint at least.
-        capacity: most waypoints that it may grow to; more when the route has more already.
+        problem: the problem.
+        route: at least one waypoint.
+        capacity: largest number of waypoints; larger if the route already has more.
     """
     points = _apart(np.array(route.waypoints_m), problem.numbers.apart_m)
     while True:
@@ -172,7 +172,7 @@ def _empty(problem: RouteProblem, points: FloatArray, capacity: int) -> RouteSta
 
 
 def _apart(points: FloatArray, apart_m: float) -> FloatArray:
-    """The points, without those closer than ``apart_m`` to an earlier one."""
+    """The points without those closer than ``apart_m`` to an earlier one."""
     if apart_m == 0.0:
         return points
     kept: list[FloatArray] = []
@@ -190,38 +190,34 @@ def _halved(points: FloatArray) -> FloatArray:
 
 
 SAFETY = 0.0003
-"""Share of the coverage by which a route is to reach more than its goal on the finest cells: other cells see less."""
+"""Fraction of the coverage by which a route should exceed its goal on the finest cells, because other cells give less."""
 
 
 def with_safety(goal: float) -> float:
-    """Coverage at which a search for a goal aims: SAFETY more, or half of what is left to all."""
+    """Target coverage of a search for a goal: SAFETY more, or half of the remaining coverage."""
     return goal + min(SAFETY, 0.5 * (1.0 - goal))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteJudge:
-    """Judge of a search's routes."""
+    """Evaluates the routes of a search."""
 
-    # share of what can be covered that a route sees, on the cells it is judged on; exact where it may reach the goal,
-    # which it is given
+    # coverage of the visible ground on the evaluation grid; exact if the route may reach the given goal
     coverage: Callable[[Route, float], float]
     found: Callable[[Route], None]  # called with every route worth judging
-    # a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out. It
-    # receives the test whether there is no time left for it.
+    # a route with a repair that reaches a goal; None if that is too slow. It receives a test whether the time is over.
     closed: Callable[[Route, float, Callable[[], bool]], Route | None] = lambda _route, _goal, _is_over: None
 
 
 def share_seen(route: Route, cells: CoverageMap) -> float:
-    """Share of what can be covered that a route sees."""
+    """Fraction of the visible ground that a route observes."""
     return cells.share_of_coverable(cells.seen(route.waypoints_m))
 
 
 class OneAfterTheOther:
-    """Least coverage of a route on several maps, the first one first.
+    """Least coverage of a route on several maps, the first one first; a route that misses its goal skips the others.
 
-    A route that misses its goal there skips the others.
-
-    On those as much less is taken to be seen of it as was of the last route that reached its goal.
+    The skipped maps count as much less as they did for the last route that reached its goal.
     """
 
     def __init__(self, judges: Sequence[CoverageMap]) -> None:
@@ -229,7 +225,7 @@ class OneAfterTheOther:
         self._less = 0.0
 
     def __call__(self, route: Route, goal: float) -> float:
-        """Share of what can be covered, exact where it reaches the goal."""
+        """Fraction of the visible ground, exact if it reaches the goal."""
         first = share_seen(route, self._judges[0])
         if first < goal:
             return first - self._less

@@ -19,14 +19,14 @@ from uavcover.planner.search.route_problem import RouteJudge, state_of
 from uavcover.planner.search.tuning import FreeOrderTuning
 
 FULL = 1.0 - 1e-9
-"""Share of what can be seen from which on all is."""
+"""Fraction of the visible ground that counts as all of it."""
 
 _MOST_THINNED = 100
-"""This number of routes is kept at most while one is thinned: every one is laid out as a short tour."""
+"""Largest number of routes kept while one is thinned, because each becomes a short tour."""
 
 
 _THINNING = 0.05
-"""Share of all the work that the first thinning takes at most."""
+"""Largest fraction of all the work for the first thinning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,22 +50,22 @@ def _sweep(tuned: FreeOrderTuning) -> _Stage:
 class Fewest:
     """State of the search for few waypoints."""
 
-    best: Chain  # the chain to go on with
-    whole: SearchStart  # that sees all with the fewest waypoints; while nothing does: what saw most at the beginning
-    full: bool  # whether all has been seen by as few as in ``best``, or by one more: no more come in then
+    best: Chain  # the chain that continues
+    whole: SearchStart  # full coverage with the fewest waypoints; without one, the most coverage at the beginning
+    full: bool  # whether all has been observed by as few as in ``best``, or by one more: no more come in then
 
 
 def spread(
     work: Work, starts: Sequence[SearchStart], *, capacity: int, until: float, found: Callable[[Route], None]
 ) -> Fewest:
-    """Add as many waypoints as are worth their price.
+    """Add waypoints while they are worth their penalty.
 
     Args:
-        work: what is looked at, and how much may be done; ``work.problem.free_order`` holds.
-        starts: one at least.
-        capacity: most waypoints.
-        until: share of all the work, 0..1, after which this ends.
-        found: called with every route worth judging.
+        work: the problem and the remaining budget; ``work.problem.free_order`` holds.
+        starts: at least one.
+        capacity: largest number of waypoints.
+        until: fraction of all the work, 0..1, at which this ends.
+        found: called with every route worth evaluating.
     """
     tuned = work.tuning.free_order
     stage = _Stage(tuned.spread_heats, tuned.waypoint_price_cells, (tuned.way_price_cells, tuned.way_price_cells))
@@ -78,14 +78,14 @@ def spread(
 
 
 def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: Callable[[Route], None]) -> Fewest:
-    """Add a waypoint until everything is seen, remove one while it is, then try the same number again.
+    """Add a waypoint until everything is observed, then remove one, and try each number again.
 
     Args:
         work: as of :func:`spread`.
-        fewest: how far it has come.
-        capacity: most waypoints.
-        until: share of all the work, 0..1, after which this ends.
-        found: called with every route worth judging.
+        fewest: the progress so far.
+        capacity: largest number of waypoints.
+        until: fraction of all the work, 0..1, at which this ends.
+        found: called with every route worth evaluating.
     """
     best, whole, full = fewest.best, fewest.whole, fewest.full
     tuned = work.tuning.free_order
@@ -101,7 +101,7 @@ def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: C
         tried = _better(chains, found)
         if tried.seen >= FULL and (whole.seen < FULL or len(tried.route) <= len(whole.route)):
             whole = SearchStart(tried.route, tried.seen)
-        # From fewer waypoints there is no way back, also when they do not see all: what saw all is found already.
+        # Do not return to more waypoints: routes with full coverage are already known.
         if fewer or tried.energy <= best.energy:
             best = tried
     return Fewest(best, whole, full)
@@ -112,9 +112,9 @@ def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], 
 
     Args:
         work: as of :func:`spread`.
-        fewest: what the search for few waypoints has found.
-        until: share of all the work, 0..1, after which this ends.
-        found: called with every route worth judging.
+        fewest: the result of the search for few waypoints.
+        until: fraction of all the work, 0..1, at which this ends.
+        found: called with every route worth evaluating.
     """
     thin(work, fewest.whole.route, found, until=until)
     chains = [fewest.best] * CHAINS
@@ -128,9 +128,9 @@ def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], 
 
 
 def thin(work: Work, route: Route, found: Callable[[Route], None], *, until: float) -> None:
-    """Thin to one waypoint without annealing: the most coverage where there is no time for the sweep yet.
+    """Thin to one waypoint without annealing, for the most coverage before the sweep.
 
-    Ends early after a share of all the work.
+    Ends early after a fraction of all the work.
     """
     apart = math.ceil(len(route) / _MOST_THINNED)
     while len(route) > 1 and work.pace.fraction < until:
@@ -143,14 +143,14 @@ def thin(work: Work, route: Route, found: Callable[[Route], None], *, until: flo
 def rebuild_tours(
     work: Work, starts: Sequence[SearchStart], *, capacity: int, until: float, found: Callable[[Route], None]
 ) -> list[SearchStart]:
-    """Find the shortest tour that sees everything: both chains rebuild it, and both continue the better one of each stage.
+    """Find the shortest tour with full coverage. Both chains rebuild it and continue from the better one of each stage.
 
     Args:
         work: as of :func:`spread`.
-        starts: one at least.
-        capacity: most waypoints.
-        until: share of all the work, 0..1, after which this ends.
-        found: called with every route worth judging.
+        starts: at least one.
+        capacity: largest number of waypoints.
+        until: fraction of all the work, 0..1, at which this ends.
+        found: called with every route worth evaluating.
 
     Returns:
         The starts, and the better tour of each stage.
@@ -162,7 +162,7 @@ def rebuild_tours(
     for stage in tuned.rebuilt_stages:
         chains = _chains(work, [best] * CHAINS, _squeeze(tuned), capacity=capacity)
         metres = work.problem.metres_per_cost(best)
-        # No cell is worth less than the whole tour: single targets lie many radii apart.
+        # Every cell is worth the whole tour, because single targets are many radii apart.
         cell_m = max(metres * work.problem.cost(best), reach_m)
         waypoint_m = work.tuning.goal.waypoint_price * reach_m
         for chain in chains:
@@ -179,7 +179,7 @@ def rebuild_tours(
 
 
 def _fewest_that_see_most(start: SearchStart) -> tuple[float, int]:
-    """Sorts first what sees the most, and of what sees all the fewest waypoints."""
+    """Sort key: the most coverage first, and among routes with full coverage the fewest waypoints."""
     return -min(start.seen, FULL), len(start.route)
 
 
@@ -191,7 +191,7 @@ def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
 
 def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int | None = None) -> list[Chain]:
     """A chain for each route, set up for a stage. It keeps its number of waypoints unless a capacity is given."""
-    # Energies in units of one cell's share of the coverage.
+    # Energies in units of one cell's fraction of the coverage.
     cells = max(1, int(np.count_nonzero(work.problem.numbers.weight)))
     return [
         Chain(
@@ -219,18 +219,18 @@ def _without_least(work: Work, chain: Chain) -> Route:
 
 
 def search_free_order(
-    work: Work,  # what is looked at, and how much may be done; ``work.problem.free_order`` holds
+    work: Work,  # the problem and the remaining budget; ``work.problem.free_order`` holds
     starts: Sequence[SearchStart],  # one at least
     *,
-    asked: float | None,  # share of what can be covered that the selection rule asks for; None: as much as there is
+    asked: float | None,  # fraction of the visible ground that the selection rule asks for; None: as much as there is
     capacity: int,  # most waypoints
     judge: RouteJudge,  # judges what is found
 ) -> None:
-    """Shortest tours with the required coverage, or full coverage, and the most coverage with every number of waypoints.
+    """Shortest tours with the required or full coverage, and the most coverage for every number of waypoints.
 
-    A tour of the fewest waypoints is not the shortest: with more of them it cuts corners and turns back earlier (the travelling
-    salesman who need only come close). Tours come first when something sees enough already, so that a search which is stopped
-    early has a good one; else when few waypoints have been found that do.
+    A tour with the fewest waypoints is not the shortest: with more of them it cuts corners and turns back earlier (the
+    close-enough travelling salesman problem). Tours come first if a route already has enough coverage, so that a search which is
+    stopped early has a good one; otherwise they follow the search for few waypoints.
     """
     goal, tuned = FULL if asked is None else asked, work.tuning.free_order
 
@@ -240,7 +240,7 @@ def search_free_order(
     thin(work, min(starts, key=_fewest_that_see_most).route, judge.found, until=_THINNING)
     begin = work.pace.fraction
     if asked is not None and asked >= FULL and work.problem.numbers.sight.kind == DISC:
-        # A disc is as wide at any height: where heights matter, a chain that does not rebuild is better.
+        # A disc is equally wide at any height. If heights matter, a chain that does not rebuild is better.
         until = begin + tuned.tours_of_discs * (1.0 - begin)
         starts = rebuild_tours(work, starts, capacity=capacity, until=until, found=judge.found)
         begin = work.pace.fraction

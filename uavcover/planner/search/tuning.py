@@ -1,7 +1,7 @@
-"""Tuned numbers of the local search, in one place, with their meaning and reason.
+"""Tuned numbers of the local search, with their meaning and reason.
 
-They were set by hand and by trials on the scenarios of the package. What is no matter of tuning (the number of chains, the
-ladder of goals, the margin of a goal) stands where it is used.
+They were tuned by hand and by trials on the bundled scenarios. Numbers that need no tuning (the number of chains, the ladder of
+goals, the margin of a goal) are defined where they are used.
 """
 
 import math
@@ -28,13 +28,13 @@ class GoalTuning:
         further_left: before that, under a time budget, stages follow that are as short as corrections allow, while each leaves no
             more than this of what the one before it lacked. Over large areas closing gaps one by one takes half of the way again
             (ridge-25km2, 150 to 231 km for 0.02 points), and these stages close most (10 s: 150.0 to 150.6 km, was 153.5).
-        most_short: that little, as a share of the coverage.
+        most_short: that little, as a fraction of the coverage.
         closed: multiples of the missing ground whose gaps are repaired, one after the other: photos by distance fall
             elsewhere behind a route than behind home, so it may take more.
         most_trials: to make each route that closes them shorter. The search makes it shorter, too: with 4,000 trials that took
             2 to 4 of 20 s in a canyon, and with 300 the search began too far away (scripts/bench/kinds.py, ``canyon:sparse``).
-        waiting_price: of all coverage, in costs of the route, for turns that wait for a picture: what else closes gaps costs
-            as much or more (``dear_ground``: 17 to 80 in four cases of scripts/bench/kinds.py).
+        waiting_price: of all coverage, in costs of the route, for turns that wait for a photo: what else closes gaps costs as
+            much or more (``dear_ground``: 17 to 80 in four cases of scripts/bench/kinds.py).
         nearly_all: a search that begins with closed gaps opens them again, and mostly closes them better. For more coverage than
             this it did not come back to its goal, in either field that was tried (fields U and L of b33804a, 99.9 %); for
             98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
@@ -42,14 +42,16 @@ class GoalTuning:
             two_parts-survey 379 instead of 486, two others 1 and 2 % more (scripts/bench/kinds.py, 10 s).
         likely_on_finest: the same where likely photos are counted, up to 3 points too many: with a photo every 40 m and 10 s,
             canyon takes 18 % less, city 11, terraces 10 and volcano 1 % (3 or 4 seeds each), ...
-        most_prepared: ... unless preparing the search took more than this share of the time: the finest cells take as long again.
+        most_prepared: ... unless preparing the search took more than this fraction of the time: the finest cells take as long
+            again.
         closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
         finest_price: the same factor on the finest cells, at the beginning: there it rises from stage to stage, ...
         finest_price_step: ... and by this factor from round to round while the goal is missed.
         finest_cooler: factor of the temperature from round to round.
-        sure_price: price of coverage, in costs of the route, by which a beginning that sees nearly all is found beside the best.
-            AC13_0004 (areas with holes, 99.98 %, 20 s) takes 1,713 s; without one, no search reached the goal (lines: 2,765 s).
+        sure_price: price of coverage, in costs of the route, by which a beginning that observes nearly all is found beside the
+            best. AC13_0004 (areas with holes, 99.98 %, 20 s) takes 1,713 s; without one, no search reached the goal (lines:
+            2,765 s).
         other_lines: the second chain begins with other lines than the first, if their price is at most this multiple. At 0.8 %
             more, fractal-sparse takes 315 s instead of 337; at 5 to 8 % more, three cases end 2 to 7 % later (2,000 evaluations,
             scripts/bench/kinds.py). Not for more than ``nearly_all``: a square field took 340 s instead of 321.
@@ -64,10 +66,10 @@ class GoalTuning:
         closed_again: searches from routes with closed gaps, one after the other, while they end short of their goal.
         dear_ground: after repairing gaps the price of coverage is this multiple of its cost between what the search ended with
             and the route with its gaps closed: at that rate itself both would be worth as much; ...
-        most_price: ... up to this price. Where both see nearly the same on the search's cells it has no limit, and no change that
-            loses a cell would be accepted: canyon-sparse took 554 s instead of 427.
-        coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
-            length; at a price far above that no single change may lose a cell, and nothing can be traded.
+        most_price: ... up to this price. Where both observe nearly the same on the search's cells it has no limit, and no
+            change that loses a cell would be accepted: canyon-sparse took 554 s instead of 427.
+        coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such fractions of
+            the length; at a price far above that no single change may lose a cell, and nothing can be traded.
         nearly_all_price: the same for more than ``nearly_all``, where the last of the ground is the dearest: at 2 triangle and
             pentagon often end short of 99.9 % and up to 17 % later, at 12 the square does (scripts/bench_fields.py of b33804a).
         price_step: factor of that price when a stage ends below its goal, by up to ``far_short``; ...
@@ -78,14 +80,14 @@ class GoalTuning:
         stage_per_correction: under a time budget a stage takes at least this multiple of the time of a correction, which judges a
             route and prepares the chains, so that most of the time is search.
         goal_per_correction: the same for a coverage of the ladder, and a price of waypoints.
-        waypoint_price: of a waypoint where few are not asked for: one more holds a leg nearer to the height that sees widest.
+        waypoint_price: of a waypoint where few are not asked for: one more holds a leg nearer to the height that observes widest.
         waypoint_prices: where few are searched for, one after the other.
         dear_waypoints: lengths that the price of all waypoints counts as in the price of coverage: else coverage would be given
             for one waypoint less.
         largest_step: standard deviation of the widest moves.
         hottest: temperature at the beginning. Where length alone is the cost, on routes of up to ``hot_radii``, ...
-        hot_radii: ... for longer ones begin with lines that are nearly as short as they can be, and heat spoils more of them than
-            is mended later: there it falls with the square of the length, ...
+        hot_radii: ... for longer ones begin with lines that are nearly as short as they can be, and heat spoils more of them
+            than is repaired later: there it falls with the square of the length, ...
         least_hottest: ... to this. With 30 s jacksboro takes 6,292 m (6,333 at 0.05), ridge-obstacles 6,293 (6,300), ridge-25km2
             with 60 s 150,542 (152,511). Mission time pays for turns, and lines have to change: at the lower temperature jacksboro
             took 823 s, at 0.05 798 s (1,500 evaluations, three seeds each).
@@ -150,12 +152,12 @@ class GoalTuning:
     spare_waypoints: int = 100
 
     def start_cost(self, cost: float, seen: float, goal: float, *, price: float | None = None) -> float:
-        """Cost of a beginning with that of what it misses, at its own cost per coverage.
+        """Cost of an initial solution, with that of its missing coverage at its own cost per coverage.
 
         Args:
             cost: of its route.
-            seen: share of what can be covered that it sees.
-            goal: the share that is to be seen.
+            seen: fraction of the visible ground that it observes.
+            goal: the fraction to observe.
             price: of full coverage, in costs of the route. Default: ``start_price``.
         """
         missing = max(0.0, goal - seen)
@@ -164,15 +166,15 @@ class GoalTuning:
         )
 
     def price_rise(self, short: float) -> float:
-        """Factor of the price of coverage after a stage that ends short of its goal by a share of coverage, 1 at the goal."""
+        """Factor of the penalty for missing coverage after a stage that misses its goal by a fraction; 1 at the goal."""
         steps = min(self.most_price_steps, max(1.0, short / self.far_short))
         return 1.0 if short <= 0.0 else self.price_step**steps
 
     def heat_of_length(self, radii: float) -> float:
-        """Temperature at the beginning of a search for the shortest path, in radii of the sensor.
+        """Initial temperature of a search for the shortest path, in radii of the sensor.
 
         Args:
-            radii: length of the route that it begins with.
+            radii: length of the initial route.
         """
         return max(self.least_hottest, self.hottest * min(1.0, self.hot_radii / radii) ** 2)
 
@@ -186,16 +188,16 @@ class FreeOrderTuning:
     Attributes:
         tours, tours_asked, tours_of_discs, rebuilt_stages, quench, spread, squeeze, long_spread, first_squeeze,
             late_tours, attempt: see `uavcover.planner.budget.Shares`.
-        tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour.
-            Where all is to be seen no cell is worth less than the whole tour: single targets lie many radii apart.
+        tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour. Where all is to be observed no cell is
+            worth less than the whole tour: single targets lie many radii apart.
         tour_hottest: temperature at the beginning of that search, in radii.
-        rebuilt: share of the proposals that rebuild the tour around a waypoint, in one of the two chains at first, ...
+        rebuilt: fraction of the proposals that rebuild the tour around a waypoint, in one of the two chains at first, ...
         rebuilt_hottest: ... the temperature at its beginning, ...
         rebuilt_heat: ... and that of rebuilding, as a multiple.
         discs_heats: temperatures at the beginning and at the end, in radii, where both chains rebuild.
         quenched: times the coldest temperature.
         hottest_cells, coldest_cells: temperatures.
-        spread_heats, squeeze_heats, sweep_heats: of the two chains, as shares of the hottest.
+        spread_heats, squeeze_heats, sweep_heats: of the two chains, as fractions of the hottest.
         way_price_cells: of a radius of way, where coverage is all that counts.
         sweep_way_price_cells: the same for the second chain of a sweep, where the way counts too.
         waypoint_price_cells: of a waypoint while they spread.
@@ -229,15 +231,15 @@ class FreeOrderTuning:
     waypoint_price_cells: float = 1.2
 
     def hottest_tour(self, rebuilt: float) -> float:
-        """Temperature at the beginning of a search for a tour with this share of rebuilding, in radii."""
+        """Initial temperature of a search for a tour with this fraction of rebuilding, in radii."""
         return self.rebuilt_hottest if rebuilt > 0.0 else self.tour_hottest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchTuning:
-    """All of them."""
+    """All tuned numbers."""
 
-    # shares of the proposals by kind; where the order is given, the two kinds of transfer are exchanges instead
+    # fractions of the proposals by kind; where the order is given, the two kinds of transfer are exchanges instead
     moves: Moves = _MOVES
     goal: GoalTuning = field(default_factory=GoalTuning)  # of the search for a coverage
     free_order: FreeOrderTuning = field(default_factory=FreeOrderTuning)  # of the search for waypoints in any order

@@ -1,8 +1,7 @@
-"""Cost of an order of stretches: the least time of all sorties that it can be split into.
+"""Cost of an order of stretches: the least time of all sorties into which it can be split.
 
-Stretches are legs of a route in any order and direction, with the legal links between their ends. What a stretch and a link
-behind another take is found once, by the cost that missions are counted with; an order then costs one look at these tables and
-one split (``kernels/way_cost.py``).
+Stretches are legs of a route in any order and direction, with permitted links between their ends. Costs of stretches and links
+are tabulated once, with the cost model of missions. An order then costs one look-up and one split (``kernels/way_cost.py``).
 """
 
 import itertools
@@ -23,7 +22,7 @@ from uavcover.scenario.site import Site
 from uavcover.scenario.vehicles import pace_of
 
 _MOST_LAID = 800
-"""Where the straight leg between two points breaks a limit, a link over the terrain is laid, for this number of the shortest."""
+"""Number of links laid over the terrain, the shortest first, for straight legs that exceed a limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +30,7 @@ class Stretches:
     """Stretches of a route in both directions: number 2 k flies leg k as the route does, 2 k + 1 the other way."""
 
     places_m: FloatArray  # (n + 1, 3) ENU, where stretches begin and end: stretch k leads from place k to place k + 1
-    # by two places, the (k, 3) waypoints between them of a link that keeps the limits; none where there is none
+    # by two positions, the (k, 3) waypoints of a link that keeps the limits; missing without one
     links_m: dict[tuple[int, int], FloatArray]
 
     @property
@@ -44,7 +43,7 @@ class Stretches:
         return self.places_m[[first_place(number), last_place(number)]]
 
     def joined(self, order: Sequence[int] | IntArray) -> Route:
-        """The route that flies stretches in this order, by links that exist."""
+        """The route that flies stretches in this order, by existing links."""
         out = [self.waypoints_m(int(order[0]))]
         for before, behind in itertools.pairwise(order):
             a, b = last_place(int(before)), first_place(int(behind))
@@ -74,7 +73,7 @@ def stretches_of(site: Site, route: Route) -> Stretches:
 
 
 def _links(site: Site, places_m: FloatArray) -> dict[tuple[int, int], FloatArray]:
-    """Points of a link, by two points: a straight leg where it keeps the limits, else one over the terrain."""
+    """Points of a link, by two points: a straight leg if it keeps the limits, otherwise one over the terrain."""
     margin_m = site.scenario.limits.height_margin_m
     apart_m = np.linalg.norm(places_m[:, None] - places_m[None], axis=2)
     pairs = np.argwhere(np.triu(apart_m > 0.0))
@@ -103,29 +102,29 @@ class Tables:
     """Time, or energy in w winds, by stretches in their directions: m of them, 2 for each leg of the route."""
 
     alone: FloatArray  # (w, m) along each stretch, from rest to rest
-    # (w, m, m) from the end of one to the end of the one behind it, but for the turn at the end of the first
+    # (w, m, m) from the end of one to the end of the next, without the turn at the end of the first
     arc: FloatArray
     turn: FloatArray  # (w, m, m) at the end of the first
-    there: FloatArray  # (w, m, m) from home to the end of one, with the turn onto the way to another
-    first: FloatArray  # (w, m) from home to where a stretch begins, with the turn onto it
-    back: FloatArray  # (w, m) from where it ends to home
+    there: FloatArray  # (w, m, m) from home to the end of one, with the turn towards another
+    first: FloatArray  # (w, m) from home to the begin of a stretch, with the turn onto it
+    back: FloatArray  # (w, m) from its end to home
 
 
 class OrderCosts:
     """The costs of orders of stretches.
 
-    A flight begins at the end of the stretch before it, so that no flight leaves out the link between two sorties: nodes of the
-    split are the place where the first stretch begins, and the end of every stretch.
+    A flight begins at the end of the previous stretch, so that no flight omits the link between two sorties. Nodes of the split
+    are the begin of the first stretch and the end of every stretch.
 
     Attributes:
         as_it_is: (n,) the order of the route.
-        link_s: (m, m) from the end of one to the beginning of another, with both turns; NO_LINK_S where that cannot be flown.
-        back_s: (m,) from where each ends to home.
+        link_s: (m, m) from the end of one to the begin of another, with both turns; NO_LINK_S if that cannot be flown.
+        back_s: (m,) from the end of each to home.
 
     Args:
         site: the scenario on its ground, with a home.
         stretches: of a route.
-        like: the costs of the flights of that route: its limits count.
+        like: the costs of the flights of that route, for its limits.
     """
 
     def __init__(self, site: Site, stretches: Stretches, like: FlightCosts) -> None:
@@ -144,7 +143,7 @@ class OrderCosts:
             legs, turns = energy.legs_and_turns_s(paths.points_m)
             self._energy = _tables(paths, legs, turns, of_pairs.there_s, of_pairs.back_s)
         self._between = paths.between
-        # Two numbers of one stretch are never neighbours.
+        # The two numbers of one stretch are never neighbours.
         self.back_s: FloatArray = self._time.back[0]
         self.link_s: FloatArray = np.where(
             paths.exists, self._time.arc[0] - self._time.alone[0] + self._time.turn[0], NO_LINK_S
@@ -183,7 +182,7 @@ class OrderCosts:
         )
 
     def total_s(self, order: IntArray) -> float:
-        """The least time of all sorties; infinite where there is no split."""
+        """The least time of all sorties; infinite without a split."""
         return float(split(self.flights(order))[0])
 
 
@@ -211,7 +210,7 @@ class _Paths:
     # (2 (2 m + m m), 3) two waypoints each: the first leg of each stretch, its last leg, and the first leg that is
     # flown from the end of one stretch to another
     pairs_m: FloatArray
-    exists: np.ndarray  # (m, m) whether there is such a link
+    exists: np.ndarray  # (m, m) whether the link exists
     same: np.ndarray  # (m, m) whether one ends where the other begins
     between: IntArray  # (m, m) waypoints that the link and the beginning of the other add
 

@@ -1,4 +1,4 @@
-"""Reorder the stretches of a route, and choose their directions, so that all its sorties finish sooner."""
+"""Reorder the stretches of a route and choose their directions, so that its sorties finish earlier."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -22,13 +22,13 @@ from uavcover.scenario.vehicles import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 
 _TRIES_PER_EVALUATION, _MOST_TRIES = 6, 3_000
-"""Orders that are tried for each evaluation of the search, where there is no time budget; a tenth of its processor time."""
+"""Orders tried per evaluation of the search without a time budget; a tenth of its processor time."""
 
 _MOST_LEGS = 120
 """Longer routes keep their order: tables of all links, and splits at all waypoints, would take more than they give."""
 
 _LEAST_GAIN = 0.001
-"""Share of the mission time: a smaller gain is not worth another order."""
+"""Fraction of the mission time: a smaller gain is not worth another order."""
 
 _STREAM = 2
 """Stream of random numbers, apart from those of the local search."""
@@ -41,13 +41,13 @@ _WAY_ITEMS = 2
 class OrderEffort:
     """Effort of the search for an order."""
 
-    tries: int  # orders that are tried, where no time counts
+    tries: int  # number of orders to try without a time budget
     seed: int  # of the whole search
-    used: Callable[[], float] | None = None  # share of the time that is used, 0..1; none where no time counts
+    used: Callable[[], float] | None = None  # used fraction of the time, 0..1; None without a budget
     should_stop: Callable[[], bool] = lambda: False  # the user's stop; the best order so far is taken
 
     def done(self, tried: int) -> float:
-        """Share of the work that is done after ``tried`` orders, 1 at its end."""
+        """Finished fraction of the work after ``tried`` orders; 1 at its end."""
         if self.should_stop():
             return 1.0
         return tried / max(self.tries, 1) if self.used is None else self.used()
@@ -59,24 +59,24 @@ def tries_of(evaluations: int) -> int:
 
 
 def has_several_sorties(site: Site, route: Route) -> bool:
-    """Whether a route takes several batteries or missions, by the cost that is minimised."""
+    """Whether a route takes several batteries or missions, according to the minimised cost."""
     return len(_sorties(_straight_costs(site, route))) > 1 if _may_be_reordered(site, route) else False
 
 
 def reordered(
     site: Site, judges: Sequence[CoverageMap], route: Route, effort: OrderEffort, *, asked: float | None
 ) -> Route | None:
-    """A route of the same stretches whose mission is shorter, as planned and as compiled; none where none was found.
+    """A route of the same stretches with a shorter mission, as planned and as compiled; None without one.
 
-    It has the required coverage, or that of the route: stretches that are flown the other way, or behind another one, may show
-    something else to a sensor that looks ahead or takes photos by distance.
+    It keeps the required coverage, or that of the route. In another direction or order, a sensor that looks ahead or takes
+    distance-triggered photos may observe other ground.
 
     Args:
         site: the scenario on its ground.
-        judges: the cells that routes are judged on, and finer ones, where as much must be seen too.
+        judges: the evaluation grid, and finer cells that need the same coverage.
         route: keeps the limits.
-        effort: how long to search.
-        asked: share of what can be covered that the selection rule asks for, if it does.
+        effort: of the search.
+        asked: required coverage of the visible ground, if any.
     """
     if not has_several_sorties(site, route) or effort.done(0) >= 1.0:
         return None
@@ -109,7 +109,7 @@ def _straight_costs(site: Site, route: Route) -> FlightCosts:
 
 
 def _sorties(costs: FlightCosts) -> list[tuple[int, int]]:
-    """The flights of the best split; none where there is none."""
+    """The flights of the best split; None without one."""
     total_s, begun = split(costs)
     return flights_of_split(begun, costs.shared) if math.isfinite(total_s) else []
 
@@ -119,7 +119,7 @@ def _seen(judge: CoverageMap, route: Route) -> float:
 
 
 def _done_s(site: Site, route: Route) -> tuple[float, float]:
-    """Finish of all vehicles, and their total flight time, as compiled; infinite where the compiler refuses a flight."""
+    """Finish of all vehicles, and their total flight time, as compiled; infinite if the compiler refuses a flight."""
     scenario = site.scenario
     if site.frame is None:
         time_s = mission_cost(site, route).time_s
@@ -147,23 +147,23 @@ def _done_s(site: Site, route: Route) -> tuple[float, float]:
 
 # Search for the order and the direction of stretches in which their sorties take least.
 #
-# An order is judged by its best split ("route first, cluster second"; Prins 2004, doi 10.1016/S0305-0548(03)00158-8),
-# so one list stands for all sorties, and what moves stretches within it moves them within a sortie or between several.
-# Orders are short tours by 2-opt and Or-opt, with reversals (:func:`uavcover.kernels.tours.shorten`), under lengths
-# that are wrong at random (the noising method, Charon and Hudry 1993, doi 10.1016/0167-6377(93)90023-A): from the order
-# at hand, or from any. A link also costs a random share of the way home from its nearer end, so that some tours pass
-# home as often as batteries are changed.
+# An order is judged by its best split ("route first, cluster second"; Prins 2004, doi 10.1016/S0305-0548(03)00158-8), so one
+# list stands for all sorties, and what moves stretches within it moves them within a sortie or between several. Orders are
+# short tours by 2-opt and Or-opt, with reversals (:func:`uavcover.kernels.tours.shorten`), under lengths that are wrong at
+# random (the noising method, Charon and Hudry 1993, doi 10.1016/0167-6377(93)90023-A): from the order at hand, or from any. A
+# link also costs a random fraction of the way home from its nearer end, so that some tours pass home as often as batteries are
+# changed.
 
 _NOISE = (0.1, 0.6)
 """Least and largest relative error of a length; drawn anew for every tour."""
 _HOME = 0.36
-"""Largest share of the way home and back that a link costs."""
+"""Largest fraction of the way home and back that a link costs."""
 _ANEW = 0.2
-"""Share of the tours that begin from any order."""
+"""Fraction of the tours that begin from any order."""
 _KICKS, _NEAR = 20, 8
 """Numbers of kicks and of neighbours of one tour."""
 _HEAT = 0.003
-"""Share of the sorties' total time: at first, an order worse by this is accepted with a probability of 1 / e."""
+"""Fraction of the sorties' total time: at first, an order worse by this is accepted with a probability of 1 / e."""
 
 _LEAST_GAIN_S = 1e-6
 
@@ -171,12 +171,12 @@ _LEAST_GAIN_S = 1e-6
 def better_order(
     costs: OrderCosts, start: IntArray, *, done: Callable[[int], float], rng: np.random.Generator
 ) -> tuple[float, IntArray]:
-    """The best order that was found, and what it takes; never worse than the first one.
+    """The best order found, and its time; never worse than the first one.
 
     Args:
         costs: of orders of n stretches.
         start: (n,) numbers of stretches in their directions: the first order, which can be flown.
-        done: share of the work that is done after a number of tours, which ends at 1.
+        done: finished fraction of the work after a number of tours; the search ends at 1.
         rng: draws them.
     """
     now = best = start
@@ -185,7 +185,7 @@ def better_order(
     while (cooled := done(count)) < 1.0:
         count += 1
         drawn = tours.drawn(now)
-        # Backwards another end of the links between sorties is flown twice, and the wind blows from the other side.
+        # Backwards, the other ends of the links between sorties are flown twice, and the wind is reversed.
         time_s, _, order = min((costs.total_s(way), number, way) for number, way in enumerate((drawn, drawn[::-1] ^ 1)))
         if time_s < now_s * (1.0 - _HEAT * (1.0 - cooled) * math.log(max(rng.random(), 1e-12))):
             now, now_s = order, time_s
@@ -212,7 +212,7 @@ class _Tours:
         self._longest_s = float(link_s.max()) + float(self._by_home_s.max())
 
     def drawn(self, order: IntArray) -> IntArray:
-        """Another order, near to this one or to none."""
+        """Another order: near this one, or random."""
         rng, free = self._rng, len(self._link_s)
         if rng.random() < _ANEW:
             order = 2 * rng.permutation(len(order))
