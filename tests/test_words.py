@@ -9,10 +9,10 @@ import pytest
 
 REPO = Path(__file__).parents[1]
 PACKAGES = (
-    "uavcover/__init__.py", "uavcover/cli", "uavcover/extras", "uavcover/flight", "uavcover/kernels", "uavcover/missions", "uavcover/mock",
-    "uavcover/model", "uavcover/new", "uavcover/optimizers", "uavcover/planner", "uavcover/plugins.py", "uavcover/recording",
-    "uavcover/report", "uavcover/run", "uavcover/scenario", "uavcover/sensing", "uavcover/terrain", "uavcover/verification",
-    "mission_io",
+    "uavcover/__init__.py", "uavcover/cli", "uavcover/extras", "uavcover/flight", "uavcover/kernels",
+    "uavcover/missions", "uavcover/mock", "uavcover/model", "uavcover/new", "uavcover/optimizers", "uavcover/planner",
+    "uavcover/plugins.py", "uavcover/recording", "uavcover/report", "uavcover/run", "uavcover/scenario",
+    "uavcover/sensing", "uavcover/terrain", "uavcover/verification", "mission_io",
 )  # fmt: skip
 """Packages, and modules, whose words are held."""
 

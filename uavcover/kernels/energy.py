@@ -77,7 +77,7 @@ def in_wind(pace: Pace, east_m_s: float, north_m_s: float) -> Pace:
 
 @kernel
 def _share_at(power: Power, pace: Pace, east_m_s: float, north_m_s: float, climb_m_s: float) -> float:
-    """Mean power in wind and gusts at a velocity over ground; the mean square of the airspeed counts, as for drag."""
+    """Mean power in wind and gusts at a velocity over ground, from the mean square of the airspeed."""
     east, north = east_m_s - pace.wind_east_m_s, north_m_s - pace.wind_north_m_s
     squared = east * east + north * north + 2.0 * power.gust_m_s**2
     return float(power_share(power, math.sqrt(squared), climb_m_s))
@@ -179,7 +179,7 @@ def path_energies(
 def star_energies(
     power: Power, pace: Pace, winds_m_s: NDArray[np.float64], centre: Place, places: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(w, n) seconds of hovering from a centre straight to (n, 3) positions and (w, n) back, in (w, 2) winds."""
+    """(w, n) seconds of hovering from a centre to (n, 3) positions and (w, n) back, in (w, 2) winds."""
     n, winds = places.shape[0], winds_m_s.shape[0]
     out, back = np.empty((winds, n)), np.empty((winds, n))
     for w in range(winds):

@@ -263,9 +263,9 @@ def _blended_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
 
 @kernel
 def circle_speed(pace: Pace, cosine: float) -> float:
-    """Speed of PX4 on a circle that meets both legs of a corner at the radius, from the cosine of the turn.
+    """Speed of PX4 on a circle that meets both legs of a corner at the radius.
 
-    v^2 = a / 2 * radius * tan(half the angle between the legs).
+    v^2 = a / 2 * radius * tan(half the angle between the legs); the cosine is that of the turn.
     """
     tangent = math.sqrt(max(0.0, 1.0 + cosine) / max(1e-12, 1.0 - cosine))
     return math.sqrt(0.5 * pace.acceleration_m_s2 * pace.corner_radius_m * tangent)
@@ -327,7 +327,7 @@ def leg_times(pace: Pace, route: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @allocating_kernel
 def turn_times(pace: Pace, route: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) extra seconds of passing each waypoint compared with a stop, 0 or less; 0 at the ends of the route."""
+    """(n,) extra seconds of passing each waypoint compared with a stop, at most 0; 0 at both ends."""
     out = np.zeros(route.shape[0])
     for k in range(1, route.shape[0] - 1):
         out[k] = turn_time(
@@ -372,7 +372,7 @@ def landing_time(pace: Pace, height_m: float) -> float:
 
 @kernel
 def mission_time(pace: Pace, path: NDArray[np.float64]) -> float:
-    """Seconds of a whole flight along a (k, 3) path, from the ground at one end to the ground at the other.
+    """Seconds of a whole flight along a (k, 3) path that begins and ends on the ground.
 
     The first leg is the take-off and the last one the landing, both straight up and down.
     """

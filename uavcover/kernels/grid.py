@@ -304,7 +304,7 @@ def steepest_slope(nodes: NDArray[np.float64], frame: GridFrame) -> float:
 
 @kernel
 def steepest_in_cell(nodes: NDArray[np.float64], frame: GridFrame, i: int, j: int) -> float:
-    """Bound on the slope (tangent) in the cell from node (i, j); NaN if one of its nodes has no data."""
+    """Bound on the slope (tangent) in the cell from node (i, j); NaN if it lacks data."""
     across = max(abs(nodes[i, j + 1] - nodes[i, j]), abs(nodes[i + 1, j + 1] - nodes[i + 1, j]))
     along = max(abs(nodes[i + 1, j] - nodes[i, j]), abs(nodes[i + 1, j + 1] - nodes[i, j + 1]))
     if math.isnan(nodes[i, j] + nodes[i, j + 1] + nodes[i + 1, j] + nodes[i + 1, j + 1]):

@@ -123,7 +123,7 @@ def rises(
 def _lowest(
     surface: Surface, count: int, east0: float, north0: float, side_m: float, beside_m: float
 ) -> NDArray[np.float64]:
-    """(count / 2, count / 2) lower bound of the ground of squares of twice the side; -inf with missing data."""
+    """(count / 2, count / 2) lower bound of the ground of squares of twice the side; -inf without data."""
     turned = surface._replace(up_m=np.where(np.isnan(surface.up_m), _FILLED_M, -surface.up_m))
     lows = -highest_in_squares(turned, east0, north0, 2.0 * side_m, count // 2, beside_m)
     return np.where(np.isnan(lows) | (lows <= -_FILLED_M), -math.inf, lows)
@@ -183,11 +183,13 @@ def _walls(
 
 @allocating_kernel
 def _slopes_around(surface: Surface, centre: NDArray[np.float64], pieces: int, flattest: float) -> NDArray[np.float64]:
-    """(n, 16) slope of the rise of the 3 x 3 grid cells around each centre, by sector; at least ``flattest``.
+    """(n, 16) slope of the rise of the 3 x 3 grid cells around each centre, by sector.
 
     A straight path over a bilinear cell is as steep as the gradient at one of its corners allows in that direction. Only cells
     that a
-    path in the sector may enter count, and only as far as their highest ground at its distance allows. Infinite without data.
+    path in the sector may enter count, and only as far as their highest ground at its distance allows. At least ``flattest``;
+    infinite
+    without data.
     """
     grid, nodes = surface.grid, surface.up_m
     rows, columns = nodes.shape

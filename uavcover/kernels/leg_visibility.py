@@ -299,7 +299,7 @@ def _traced(surface: Surface, sight: Sight, cells: Cells, cell: int, a: Point, d
 
 @kernel
 def _inside(a: float, b: float, c: float) -> tuple[float, float]:
-    """Interval in 0..1 where a t^2 + 2 b t + c <= 0, for a > 0; otherwise all of 0..1."""
+    """Interval in 0..1 where a t^2 + 2 b t + c <= 0 if a > 0; otherwise all."""
     if a <= 0.0:
         return 0.0, 1.0
     root2 = b * b - a * c

@@ -28,7 +28,7 @@ from uavcover.kernels.surface import Surface, has_node_cell
 
 @kernel
 def runs_of(squares: NDArray[np.int32], count: int, out: NDArray[np.int32]) -> int:
-    """Write the runs of the first ``count`` rising squares into ``out``; return the numbers written, -1 if it is too short."""
+    """Write the runs of the first ``count`` rising squares into ``out``; return their length, -1 if it is too short."""
     written = 0
     for k in range(count):
         square = squares[k]

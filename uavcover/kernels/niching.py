@@ -136,7 +136,7 @@ def _row_sums(points: FloatArray) -> FloatArray:
 
 @allocating_kernel
 def _cells_along(x: FloatArray, other_x: FloatArray, k: int, least: float) -> tuple[IntArray, IntArray, int]:
-    """The cell of each row along axis k, and the number of cells: at most 16, each at least ``least`` wide."""
+    """The cell of each row along axis k, and the number of cells, at most 16, none narrower than ``least``."""
     low = min(x[:, k].min(), other_x[:, k].min())
     extent = max(x[:, k].max(), other_x[:, k].max()) - low
     width = max(least, extent / 16.0)

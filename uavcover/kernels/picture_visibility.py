@@ -316,7 +316,7 @@ def _seen_from(
     e: float, n: float, u: float, axis_e: float, axis_n: float, axis_u: float, ne: float, nn: float, nu: float,
     range2: float, steepest2: float, coarsest2: float, clear2: float,
 ) -> bool:  # fmt: skip
-    """Whether a cell between the planes of a photo is in range, not too oblique or coarse, and surely not hidden."""
+    """Whether a cell between the planes of a photo is in range, not too oblique or coarse, and not hidden."""
     beside2 = e * e + n * n
     distance2 = beside2 + u * u
     facing = e * ne + n * nn + u * nu

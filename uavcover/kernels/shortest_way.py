@@ -37,7 +37,9 @@ def _is_clear(walls: ObstaclePrisms, ae: float, an: float, be: float, bn: float)
 
 @kernel
 def _touches(corners: NDArray[np.float64], number: int, de: float, dn: float) -> bool:
-    """Whether both sides of a corner are on one side of a line in direction d through it, or along it.
+    """Whether both sides of a corner are on one side of a line in direction d through it.
+
+    A side along the line counts for both.
 
     Args:
         corners: (n, 6) east and north of each corner, of the one before it and of the one after it on its ring.

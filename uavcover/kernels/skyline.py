@@ -147,7 +147,7 @@ def _bounds(
 def _add_edge(
     bounds: NDArray[np.float32], row: int, a: tuple[float, float], b: tuple[float, float], higher: float
 ) -> None:
-    """Add the wall a-b of an obstacle to the skyline of a cell, relative to the cell and with its height above it."""
+    """Add the wall a-b of an obstacle, given relative to a cell, to the skyline of the cell."""
     if a[0] * b[1] - a[1] * b[0] < 0.0:
         a, b = b, a
     # From a counter-clockwise to b, and a bin more on each side against rounding.

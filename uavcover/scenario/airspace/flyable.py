@@ -105,7 +105,7 @@ def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slo
 def least_width_m(
     ground: Ground, region: Polygons, parts: list[shapely.Polygon], *, width_m: float, slope: float
 ) -> float:
-    """The width of the height band at which no step divides any two of the parts of a region any more.
+    """The width of the height band at which steps no longer separate any parts of a region.
 
     Args:
         ground: its nodes are looked at.
@@ -272,7 +272,7 @@ def _between_steps(site: Site, area: FlyableArea) -> FlyableArea:
 
 
 def wide_enough_m(site: Site) -> float:
-    """The width of the height band, margins not counted, at which legs get over the steps that divide the flyable area."""
+    """The width of the height band, without margins, at which legs cross the steps that divide the flyable area."""
     slope, width_m = _climb_and_band(site.scenario.limits)
     undivided = flyable_area(site).undivided or shapely.Polygon()
     parts = parts_between_steps(site.ground, undivided, width_m=width_m, slope=slope)
