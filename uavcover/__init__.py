@@ -282,13 +282,13 @@ def find_gaps(
 
     Args:
         run: the run folder of a flight.
-        target: share of what can be seen that is enough, 0..1. Default: everything.
+        target: fraction of the visible ground that is enough, 0..1. Default: everything.
         min_area_m2: smaller gaps stay open.
         force: whether an older gap mission, and its flight, may be replaced.
         user: receives messages.
 
     Returns:
-        The mission, whose own run folder is ``gaps`` inside the run's; none when there is nothing to close.
+        The mission, whose own run folder is ``gaps`` inside the run's; None when there is nothing to close.
     """
     from uavcover.planner.close_gaps import GapRequest, close_gaps
     from uavcover.run.folder import RunFolder

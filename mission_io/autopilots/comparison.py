@@ -187,7 +187,7 @@ def faults(differences: Sequence[Difference]) -> tuple[Difference, ...]:
 
 
 def fault_text(differences: Sequence[Difference]) -> str | None:
-    """The largest fault with its size, and how many there are, for people; None when there is none."""
+    """The largest fault with its size, and how many there are, for people; None without one."""
     wrong = faults(differences)
     if not wrong:
         return None

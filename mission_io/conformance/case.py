@@ -130,7 +130,7 @@ def sample(mission_type: MissionType, count: int, *, first: int = 0) -> tuple[Mi
 
 
 def difference(sent: Sequence[MissionItem], held: Sequence[MissionItem], *, home_first: bool = False) -> str:
-    """The difference between a list and its read-back, one line; empty when there is none.
+    """The difference between a list and its read-back, one line; empty without one.
 
     Args:
         sent: What was sent.

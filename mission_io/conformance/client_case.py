@@ -100,7 +100,7 @@ class Instead(Trick):
 
 
 class Loses(Trick):
-    """Loses a share of everything, both ways, by a fixed seed."""
+    """Loses a fraction of everything, both ways, by a fixed seed."""
 
     def __init__(self, share: float) -> None:
         self._share, self._rng = share, Random(7)
@@ -241,7 +241,7 @@ class StationEvidence:
     heard: list[HeardMessage] = field(default_factory=list)  # what it said in the mission protocol
     said: list[HeardMessage] = field(default_factory=list)  # what the vehicle said
     held: tuple[MissionItem, ...] = ()  # the list that it holds now
-    reported_success: bool | None = None  # the station's report to its user; None when that is not known
+    reported_success: bool | None = None  # the station's report to its user; None if unknown
     unending: bool = False  # whether the station was still at it when the time was up
 
     def of(self, *kinds: type[Message]) -> list[HeardMessage]:

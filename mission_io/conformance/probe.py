@@ -121,7 +121,7 @@ class Probe:
     def hear(
         self, accept: Callable[[m.Message], bool], within_s: float = PROBE.answer_s, *, any_target: bool = False
     ) -> m.Message | None:
-        """The vehicle's next message that ``accept`` takes; None when there is none within ``within_s`` seconds.
+        """The vehicle's next message that ``accept`` takes; None without one within ``within_s`` seconds.
 
         Messages to others are skipped unless ``any_target``.
         """

@@ -332,7 +332,7 @@ def _row(number: int, points: Sequence[CameraPoint]) -> str:
     point, where = points[number], f"point {number + 1}"
     before = points[number - 1].picture_distance_m if number else None
     begins = point.picture_distance_m is not None and point.picture_distance_m != before
-    pictures = point.pictures + begins  # where pictures by distance begin, one is taken at once
+    pictures = point.pictures + begins  # where photos by distance begin, one is taken at once
     pitch_deg = 0.0 if point.pitch_deg is None else point.pitch_deg
     _check("m above home", point.height_above_home_m, _HEIGHTS_M, where)
     _check("degrees of camera pitch", pitch_deg, _PITCHES_DEG, where)

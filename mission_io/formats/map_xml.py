@@ -54,8 +54,8 @@ def write_kml(mission: Mission, *, name: str = "mission") -> str:
 def read_kml_drawing(text: str) -> Drawing:
     """Read areas with holes, lines and points of a KML document, in order, with the names of their placemarks.
 
-    Heights and everything else (pictures, tracks, styles) are dropped. Any KML version is read, also without a namespace.
-    Open rings are closed, and listed as repairs.
+    Heights and everything else (photos, tracks, styles) are dropped. Any KML version is read, also without a namespace. Open
+    rings are closed, and listed as repairs.
 
     Raises:
         FormatError: with the line, for invalid XML or KML, for a document type or entities (which let a small file expand

@@ -48,7 +48,7 @@ class StopCamera:
     pitch_deg: float | None = None  # of the camera from there on, -90 is straight down; None: as before
     heading_deg: float | None = None  # of the aircraft's nose on the leg after it; None: along the leg
     pictures: int = 0  # how many are taken there
-    distance_m: float | None = None  # between pictures from there on; None: none by distance
+    distance_m: float | None = None  # between photos from there on; None: none by distance
     interval_s: float | None = None  # the same by time
     hover_s: float = 0.0  # how long it stays
 
@@ -201,7 +201,7 @@ class CameraPoint:
     speed_m_s: float  # over ground, from there on
     heading_deg: float | None = None  # heading held from there on, clockwise from north; None: along the legs
     pitch_deg: float | None = None  # pitch of the camera from there on, -90 is straight down; None: not stated
-    pictures: int = 0  # how many pictures are taken there
+    pictures: int = 0  # how many photos are taken there
     picture_distance_m: float | None = None  # trigger distance over ground in metres from there on; None: no trigger
 
 

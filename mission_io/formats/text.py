@@ -256,7 +256,7 @@ def local_name(element: ElementTree.Element) -> str:
 
 
 def child_text(element: ElementTree.Element, name: str) -> str | None:
-    """The text of the first child of a name, in any namespace; None where there is none."""
+    """The text of the first child of a name, in any namespace; None without one."""
     text = element.findtext(f"{{*}}{name}")
     return None if text is None else text.strip()
 

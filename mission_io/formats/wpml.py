@@ -116,7 +116,7 @@ class _Group:
 def cameras_of(marks: Sequence[ElementTree.Element]) -> list[StopCamera]:
     """Actions at each placemark of a wayline.
 
-    A group of ``multipleDistance`` or ``multipleTiming`` with a ``takePhoto`` takes pictures from its first point to its last. A
+    A group of ``multipleDistance`` or ``multipleTiming`` with a ``takePhoto`` takes photos from its first point to its last. A
     heading is held where the point says ``smoothTransition``.
 
     Raises:
@@ -191,7 +191,7 @@ def _heading_deg(mark: ElementTree.Element, number: int) -> float | None:
 MOST_POINTS = 65536
 """Numbers of points go from 0 to 65535; what apps and aircraft take is less."""
 IMAGE_FORMATS = ("wide", "zoom", "ir", "narrow_band", "visible")
-"""Lenses that pictures are kept of."""
+"""Lenses that photos are kept of."""
 _SECURITY_HEIGHTS_M = (1.2, 1500.0)
 _STAMP = (1980, 1, 1, 0, 0, 0)
 """The time of the archive's files: equal missions are equal files."""
@@ -205,7 +205,7 @@ class DjiAircraft:
     drone: tuple[int, int]  # its type and subtype
     payload: int  # the type of its camera
     payload_position: int  # where the camera is mounted; 0 is the main gimbal
-    image_format: str  # which lenses' pictures are kept: one of IMAGE_FORMATS, or several with commas
+    image_format: str  # which lenses' photos are kept: one of IMAGE_FORMATS, or several with commas
     pitch_range_deg: tuple[float, float]  # angles that its gimbal reaches
     max_speed_m_s: float  # largest speed over ground
 
@@ -314,7 +314,7 @@ def _action_groups(flight: CameraFlight) -> list[list[_ActionGroup]]:
         turns = point.pitch_deg is not None and point.pitch_deg != pitch_deg
         pitch_deg = point.pitch_deg if turns else pitch_deg
         begins = point.picture_distance_m is not None and point.picture_distance_m != distance_m
-        pictures = point.pictures + begins  # where pictures by distance begin, one is taken at once
+        pictures = point.pictures + begins  # where photos by distance begin, one is taken at once
         actions = [_Action(pitch_deg)] * turns + [_Action(suffix=f"point{index + 1}")] * pictures
         if actions:
             found[index].append(_ActionGroup(number, index, index, actions))

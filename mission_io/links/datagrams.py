@@ -120,7 +120,7 @@ class StreamLink(Protocol):
 
 
 def framing_of(link: Link) -> FramingCounts:
-    """Counts of bytes of a stream that were no frames; none for a link of datagrams."""
+    """Counts of bytes of a stream that were no frames; zero for a link of datagrams."""
     return link.framing if isinstance(link, StreamLink) else FramingCounts()
 
 

@@ -4,8 +4,8 @@
 ``udpout://HOST:PORT`` and ``tcp://HOST:PORT`` speak first, ``serial:///dev/tty...:BAUD`` is a radio or a cable. Nothing
 listens beyond this machine unless the URL names such a host. See docs/reference/links.md.
 
-A shared link (a radio, a router, or one port that all speak to) is opened once, and each vehicle has a share of it that is a link
-of its own: clients in several threads, one for each vehicle, hear what is for them, and none hears another one's vehicle.
+A shared link (a radio, a router, or one port that all speak to) is opened once, and each vehicle has a fraction of it that is a
+link of its own: clients in several threads, one for each vehicle, hear what is for them, and none hears another one's vehicle.
 """
 
 import contextlib
@@ -260,7 +260,7 @@ class LinkShare:
 
     @property
     def framing(self) -> FramingCounts:
-        """Bytes of a stream that were no frame, for all shares together; none for a link of datagrams."""
+        """Bytes of a stream that were no frame, for all shares together; zero for a link of datagrams."""
         return framing_of(self._link)
 
     def send(self, data: bytes) -> None:
@@ -430,7 +430,7 @@ class LoggedLink(WrappingLink):
 
     @property
     def framing(self) -> FramingCounts:
-        """Bytes of a stream that were no frame; none for a link of datagrams."""
+        """Bytes of a stream that were no frame; zero for a link of datagrams."""
         return framing_of(self._link)
 
     def send(self, data: bytes) -> None:

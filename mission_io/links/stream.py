@@ -52,7 +52,7 @@ class OpenChannel(ABC):
         """Let go of it; closing twice is fine."""
 
     def read(self, size: int) -> bytes:
-        """Bytes that have arrived; none when there are none. Raises LinkError when the other end has gone."""
+        """Bytes that have arrived; empty without any. Raises LinkError when the other end has gone."""
         try:
             data = self.receive(size)
         except BlockingIOError:

@@ -95,7 +95,7 @@ class FtpMessage:
 
     @classmethod
     def answer(cls, payload: bytes) -> "FtpMessage | None":
-        """The ACK or NAK in a payload; None for anything else, and for a payload that cannot be."""
+        """The ACK or NAK in a payload; empty for anything else, and for a payload that cannot be."""
         try:
             message = cls.decoded(payload)
         except FormatError:
@@ -166,7 +166,7 @@ class FtpServer:
         self._last: tuple[int, list[FtpMessage]] | None = None
 
     def answer(self, payload: bytes) -> list[bytes]:
-        """The payloads that answer one; none for what is no request. Never raises on what a peer sent."""
+        """The payloads that answer one; empty for what is no request. Never raises on what a peer sent."""
         try:
             request = FtpMessage.decoded(payload)
         except FormatError:

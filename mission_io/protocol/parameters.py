@@ -361,7 +361,7 @@ class _ParameterRequests:
         return [str(name) for name in self._asking.left]
 
     def cancel(self, now: float) -> None:
-        """Stop; what was sent may be set all the same."""
+        """Stop; what was sent may be set anyway."""
         del now
         self.cancelled = True
 

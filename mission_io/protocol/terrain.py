@@ -327,7 +327,7 @@ class TerrainAnswers:
         return self._due_s if self._waiting else None
 
     def _next_part(self, key: _Key) -> list[TerrainData]:
-        """The next part of a block that is known; none when no more of them is."""
+        """The next part of a block that is known; empty when no more of them is."""
         parts, mask = self._parts_of(key), self._waiting[key]
         found: list[TerrainData] = []
         for part in range(PART_COUNT):

@@ -116,7 +116,7 @@ def frames_of(data: bytes) -> list[WireFrame]:
 
 
 def frames_by_length(data: bytes) -> list[bytes]:
-    """The frames of a datagram by their lengths, checksums unread; none where the lengths do not fit."""
+    """The frames of a datagram by their lengths, checksums unread; empty where the lengths do not fit."""
     frames, start = [], 0
     while start < len(data):
         size = _claimed_size(data, start) if data[start] in (_MAGIC_1, _MAGIC_2) else 0

@@ -76,7 +76,7 @@ class TimestampFile:
         self.path = key_path.with_name(key_path.name + TIMESTAMP_SUFFIX)
 
     def read(self) -> int:
-        """The timestamp; 0 when there is none yet.
+        """The timestamp; 0 without one yet.
 
         Raises:
             LinkError: the file is there and cannot be read, or holds no number.
@@ -203,7 +203,7 @@ class TimestampStore(Protocol):
     """Persistent storage of the highest timestamp used with a key."""
 
     def read(self) -> int:
-        """The timestamp; 0 when there is none yet."""
+        """The timestamp; 0 without one yet."""
 
     def raise_to(self, timestamp: int) -> None:
         """Store this timestamp unless a higher one is stored."""
@@ -219,7 +219,7 @@ class UnsavedTimestamps:
         self._timestamp = 0
 
     def read(self) -> int:
-        """The timestamp; 0 when there is none yet."""
+        """The timestamp; 0 without one yet."""
         return self._timestamp
 
     def raise_to(self, timestamp: int) -> None:

@@ -100,7 +100,7 @@ class Console:
             stream.write(line + "\n")
             stream.flush()
         except OSError:
-            # The reader has gone (`uavcover fly ... | head`) or its disk is full. A vehicle in the air needs us all the same.
+            # The reader has gone (`uavcover fly ... | head`) or its disk is full. A vehicle in the air needs us anyway.
             discard(stream)
 
     @contextmanager

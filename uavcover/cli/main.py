@@ -22,7 +22,7 @@ from uavcover.errors import INTERRUPTED, UavcoverError
 from uavcover.plugins import loaded
 from uavcover.run.folder import json_line
 
-# Commands that are loaded when they are asked for: the overview of all of them loads none.
+# Commands that are loaded when they are requested: the overview of all of them loads none.
 
 Entry = tuple[str, str, tuple[str, ...]]
 """The module that has the command under its name, what the overview says of it, and examples for its help text."""

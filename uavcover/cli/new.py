@@ -80,7 +80,7 @@ class SearchOptions:
     pod: Annotated[float | None, option("Required mean probability of detection, such as 0.8.")] = None
 
     def curve(self) -> "DetectionCurve | None":
-        """Probability that one look finds the target; none without a search.
+        """Probability that one look finds the target; None without a search.
 
         Raises:
             InputError: it is not known, or the probability asked for is none.

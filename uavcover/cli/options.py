@@ -283,7 +283,7 @@ class EachVehicleOptions(LinkOptions):
     system: SystemEach = None
 
     def places(self, urls: Sequence[str] | None) -> "list[VehiclePlace]":
-        """Where the vehicles are that ``--to`` and ``--system`` name; none where no ``--to`` is given.
+        """Where the vehicles are that ``--to`` and ``--system`` name; empty where no ``--to`` is given.
 
         Raises:
             InputError: they do not fit each other.
@@ -356,15 +356,15 @@ def seconds(text: str | None, *, option: str = "--budget") -> float | None:
 
 
 def listed(text: str | None) -> list[str]:
-    """The entries of a list such as ``A,B``; none if it is not given."""
+    """The entries of a list such as ``A,B``; empty if it is not given."""
     return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def names(option: str, text: str | None, known: Iterable[str]) -> list[str]:
-    """A list such as ``A,B`` as names, in the order of ``known`` and each once; None is all of them.
+    """The names in a list such as ``A,B``, once each and in the order of ``known``; empty means all of them.
 
     Raises:
-        InputError: one is not known, or there is none.
+        InputError: a name is unknown, or the list is empty.
     """
     every = list(known)
     if text is None:

@@ -130,7 +130,7 @@ def plan(
 
 
 def _parts(text: str | None) -> "int | Literal['auto'] | None":
-    """The number of parts, or "auto"; none where it was not given."""
+    """The number of parts, or "auto"; None where it was not given."""
     from uavcover.errors import InputError
 
     if text is None:
@@ -143,7 +143,7 @@ def _parts(text: str | None) -> "int | Literal['auto'] | None":
 
 
 def _rally(text: str | None) -> "Literal['auto', 'home'] | None":
-    """Choice of rally points; none without the option."""
+    """Choice of rally points; None without the option."""
     from uavcover.errors import InputError
 
     if text not in (None, "auto", "home"):

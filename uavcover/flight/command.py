@@ -243,7 +243,7 @@ def resume_run(
     such as the one that closes the gaps of another, is flown from where the vehicle is in the air.
 
     Returns:
-        The outcome, none when there was nothing left to fly; and what to tell programs.
+        The outcome, None when there was nothing left to fly; and what to tell programs.
 
     Raises:
         InputError: nothing was flown yet, and the vehicle is on the ground.

@@ -52,7 +52,7 @@ class Connected:
     client: Client  # talks to it
     monitor: Monitor  # hears all that the client hears
     autopilot: AutopilotName  # its name in scenarios
-    link: LoggedLink | None = None  # where a telemetry log can listen; none for a client that was made elsewhere
+    link: LoggedLink | None = None  # where a telemetry log can listen; None for a client that was made elsewhere
     url: str = ""  # where it is
 
 
@@ -164,7 +164,7 @@ def _ask_who_answers(client: Client) -> None:
 
 
 def home_of(site: Site) -> GeoPoint | None:
-    """Start position of a site's vehicle; none for a site without a position on Earth or without a home."""
+    """Start position of a site's vehicle; None for a site without a position on Earth or without a home."""
     if site.frame is None or site.home_m is None:
         return None
     lat, lon, alt = site.frame.geodetic_from_enu(site.home_m)
@@ -205,7 +205,7 @@ def heights_of_files(source: TerrainSource, vertical_datum: str, say: Callable[[
 
 
 def heights_of_site(site: Site, say: Callable[[str], None]) -> Heights | None:
-    """Ground below a site's flights, within its elevation files; none without a position on Earth."""
+    """Ground below a site's flights, within its elevation files; None without a position on Earth."""
     if site.frame is None:
         return None
     terrain = site.scenario.terrain
@@ -260,11 +260,11 @@ class VehiclePlace(NamedTuple):
     """Where a vehicle is."""
 
     url: str  # its link
-    system_id: int | None = None  # which one on it; none where it is the only one
+    system_id: int | None = None  # which one on it; None where it is the only one
 
 
 def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> list[VehiclePlace]:
-    """The vehicles that ``--to`` and ``--system`` name, vehicle 1 first; none where no ``--to`` is given.
+    """The vehicles that ``--to`` and ``--system`` name, vehicle 1 first; empty where no ``--to`` is given.
 
     One link with several systems is that of all of them; one system is that of each link.
 
@@ -311,7 +311,7 @@ def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int |
     Args:
         run: with a plan.
         given: by :func:`given_places`.
-        sortie: number of the one that is meant; none: all of the run.
+        sortie: number of the one that is meant; None: all of the run.
 
     Raises:
         InputError: none was given, and the scenario does not name those of all vehicles that fly.

@@ -218,8 +218,8 @@ class Sign:
     cause: Ending  # what it speaks for
     text: str  # what was reported, for people
     at_s: float  # when, on the link's clock
-    time_s: float | None  # vehicle time when it began; None where that is not known
-    seen_s: float | None  # vehicle time when it was seen last; None where that is not known
+    time_s: float | None  # vehicle time when it began; None if unknown
+    seen_s: float | None  # vehicle time when it was seen last; None if unknown
 
     def __str__(self) -> str:
         """For people."""

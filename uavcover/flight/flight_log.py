@@ -74,8 +74,8 @@ class FlightLog:
         site: the scenario on its ground.
         reserve: room that is kept free for the record until the flight is over.
         vehicle: whose battery and link are recorded.
-        live: the recording that grows; none for the track alone.
-        took_off_s: vehicle time of the take-off; none when it comes.
+        live: the recording that grows; None for the track alone.
+        took_off_s: vehicle time of the take-off; None when it comes.
 
     Attributes:
         events: what happened.
@@ -274,7 +274,7 @@ class LiveLine:
         site: the scenario on its ground.
         route: the planned one.
         vehicle: who flies it.
-        covered: the share of the area that was observed so far, 0 to 1; None while it is not known.
+        covered: the fraction of the area that was observed so far, 0 to 1; None while it is not known.
     """
 
     def __init__(self, site: Site, route: Route, vehicle: Connected, *, covered: Callable[[], float | None]) -> None:

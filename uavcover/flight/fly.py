@@ -143,7 +143,7 @@ class Recorder:
         )
 
     def _velocity(self, position: m.GlobalPositionInt) -> dict[str, float]:
-        """The velocity columns; none before the first value that is not 0: zeros mean that none is reported."""
+        """The velocity columns; empty before the first value that is not 0: zeros mean that none is reported."""
         velocity = {name: float(getattr(position, name)) for name in VELOCITY_COLUMNS}
         self._reports_velocity |= any(velocity.values())
         return velocity if self._reports_velocity else {}

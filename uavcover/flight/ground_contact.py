@@ -82,7 +82,7 @@ class GroundContact:
         """Measure heights above the ground from here on.
 
         Args:
-            ground_at: height of the ground; None when it is not known.
+            ground_at: height of the ground; None if unknown.
             home_alt_amsl_m: height of the ground at home, by the same terrain.
         """
         self._ground_at, self._home_ground_alt_amsl_m = ground_at, home_alt_amsl_m

@@ -49,7 +49,7 @@ def limit_table(
         values: the vehicle's parameters that are known, in their own units.
         plan: what is to be flown.
         px4: whether the vehicle is one; else ArduPilot.
-        home_alt_amsl_m: the vehicle's home; None where it is not known.
+        home_alt_amsl_m: the vehicle's home; None if unknown.
         own_system: our own system id.
     """
     facts = plan_facts(plan, px4=px4) | {"own_system": float(own_system)}
@@ -205,9 +205,9 @@ def _home(plan: FlightPlan, alt_amsl_m: float) -> Limit:
 def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
     """Ask for parameters; of each group of names for the same thing one answer is enough.
 
-    A vehicle is silent about a parameter that it does not have, so a missing answer may also be lost: the parameter is
-    requested again, and more often where a second question has found something. A few are asked for at once, since ArduPilot
-    keeps 20 questions.
+    A vehicle is silent about a parameter that it does not have, so a missing answer may also be lost: the parameter is requested
+    again, and more often where a second question has found something. A few are requested at once, since ArduPilot keeps 20
+    questions.
     """
     found = dict[str, ParamValue]()
     wanted = [tuple(names) for names in groups]

@@ -74,8 +74,8 @@ class PlanNeeds:
     # what the mission may take, its endurance less the reserve; None where there is no limit
     longest_flight_s: float | None = None
     vehicle: Vehicle | None = None  # its endurance and reserve, to watch the battery against; None skips that
-    # seconds from a (3,) ENU place in flight to the ground at home along a checked transit; None where none is known.
-    # Raises UavcoverError where there is no such transit.
+    # seconds from a (3,) ENU place in flight to the ground at home along a checked transit; None if none is known. Raises
+    # UavcoverError where there is no such transit.
     way_home_s: Callable[[FloatArray], float] | None = None
 
 
@@ -146,7 +146,7 @@ class FlightPlan:
         return np.array(places, dtype=float).reshape(-1, 3)
 
     def legs_m(self) -> dict[int, FloatArray]:
-        """The leg to each item, by its index: (2, 3) ENU; none for the first position and for commands."""
+        """The leg to each item, by its index: (2, 3) ENU; empty for the first position and for commands."""
         legs: dict[int, FloatArray] = {}
         before: FloatArray | None = None
         for index, item in enumerate(self.mission.items):
@@ -285,7 +285,7 @@ def reaction(breach: Ending, phase: Phase, *, simulated: bool, chosen: OnBreach 
         breach: what went wrong.
         phase: where in the flight.
         simulated: whether the vehicle is proved to be simulated.
-        chosen: the user's ``--on-breach``; None where there is none.
+        chosen: the user's ``--on-breach``; None without one.
     """
     rule = policy().get((breach, phase))
     if rule is None:

@@ -138,7 +138,7 @@ class RuleCase:
     sets: str = ""
 
     def wanted(self, value: float, facts: Facts) -> float | None:
-        """The value that the plan needs, in our unit; None for none."""
+        """The value that the plan needs, in our unit; None without one."""
         if not self.sets:
             return None
         if self.sets[0] in "|~":

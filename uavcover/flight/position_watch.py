@@ -148,7 +148,7 @@ class HomeWatch:
 
 
 def rest_of_legs(plan: FlightPlan, session: Session) -> list[FloatArray]:
-    """(2, 3) ENU each, the legs between waypoints from the current one on; transits only where none is left."""
+    """(2, 3) ENU each, the legs between waypoints from the current one on; transits only if none is left."""
     current = plan.index_of(session.monitor.current_seq, session.autopilot)
     legs = {
         index: leg

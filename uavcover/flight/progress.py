@@ -133,13 +133,13 @@ class MissionProgress:
 
     @property
     def off_leg_m(self) -> float:
-        """Distance from the current leg, transit legs included; 0 where there is none."""
+        """Distance from the current leg, transit legs included; 0 without one."""
         toward = self.off_leg_toward_m
         return 0.0 if toward is None else float(np.linalg.norm(toward))
 
     @property
     def off_leg_toward_m(self) -> FloatArray | None:
-        """(3,) ENU from the vehicle to the nearest point of its leg; None where there is none."""
+        """(3,) ENU from the vehicle to the nearest point of its leg; None without one."""
         here, leg = self.place_m, self._leg()
         if here is None or leg is None:
             return None

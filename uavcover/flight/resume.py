@@ -168,7 +168,7 @@ def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
 
 
 def took_off_s(run: RunFolder) -> float | None:
-    """Take-off in vehicle time of the flight whose gaps a run closes; none without such a flight.
+    """Take-off in vehicle time of the flight whose gaps a run closes; None without such a flight.
 
     Raises:
         InputError: its track cannot be read.
@@ -222,7 +222,7 @@ def save_part(
 
 
 def scenario_of_fleet(sortie: RunFolder) -> str | None:
-    """SHA-256 of the fleet's scenario, for a sortie of a vehicle unlike the others; none for other plans."""
+    """SHA-256 of the fleet's scenario, for a sortie of a vehicle unlike the others; None for other plans."""
     record = read_record(sortie)
     asked = None if record.inputs is None else record.inputs.get("scenario")
     return asked if asked != record.files.get("scenario.toml") else None
@@ -350,7 +350,7 @@ def fly_from_the_air(
         site: the scenario on its ground.
         route: the planned route, such as the one that closes the gaps of the flight that the vehicle is still on.
         orders: the user's orders, and the receiver of messages.
-        up_since_s: vehicle time at which it took off, which its endurance has to bear; none: since it was switched on.
+        up_since_s: vehicle time at which it took off, which its endurance has to bear; None: since it was switched on.
 
     Raises:
         FlightFailedError: as ``fly``; also when there is no checked way to the route, and the vehicle then holds where it is.
@@ -384,7 +384,7 @@ def _sent_onward(
 def _held_onward(
     vehicle: Connected, site: Site, unfinished: Unfinished, *, lat_deg: float, lon_deg: float, alt_amsl_m: float
 ) -> Continuation | None:
-    """The continuation of the mission on the vehicle; none for another mission, or away from the route."""
+    """The continuation of the mission on the vehicle; None for another mission, or away from the route."""
     number, planned_m = unfinished.broken.waypoint, unfinished.planned.route.waypoints_m
     if site.frame is None or number == 0:
         return None

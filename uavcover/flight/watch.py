@@ -361,7 +361,7 @@ class BatteryUse:
 
     vehicle: Vehicle  # with its endurance and reserve
     planned_each_s: float  # percent that a second in the air is planned to use
-    # time in the air, and the charge at the first report after the climb; none before
+    # time in the air, and the charge at the first report after the climb; None before
     first: tuple[float, float] | None = None
     percent: float = math.nan  # its latest report
     aloft_s: float = 0.0  # time in the air by then

@@ -50,15 +50,15 @@ class HeightSource(Protocol):
 class ReturnLimits:
     """Limits by which the paths are judged."""
 
-    frame: LocalFrame | None  # of the positions; none where up is the height above sea level
+    frame: LocalFrame | None  # of the positions; None where up is the height above sea level
     heights: HeightSource  # above what the paths keep their clearance
     ground: Ground  # with its obstacles, and where the vehicle lands
     zones: ZoneCheck  # no-fly zones
     obstacles: Obstacles  # clearances
     prisms: tuple[Prism, ...]  # the obstacles, by number
-    fence: shapely.Geometry | None  # allowed area; none without a fence
+    fence: shapely.Geometry | None  # allowed area; None without a fence
     clearance_m: float  # least height above ground of a return
-    endurance_s: float | None = None  # longest flight; none: unknown
+    endurance_s: float | None = None  # longest flight; None: unknown
 
     def ground_alts_m(self, east_north_m: FloatArray) -> FloatArray:
         """Heights of the ground above sea level (n,) at (n, 2) positions."""

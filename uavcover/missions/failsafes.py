@@ -151,7 +151,7 @@ class FlightStates:
     velocities_m_s: FloatArray  # (n, 2) east, north
     times_s: FloatArray  # (n,) since take-off
     legs: IntArray  # (n,) vertex of the route that the vehicle flies to
-    ahead_m: FloatArray | None = None  # (n,) way to that vertex, before which the vehicle slows down; none: it flies on
+    ahead_m: FloatArray | None = None  # (n,) way to that vertex, before which the vehicle slows down; None: it flies on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,9 +161,9 @@ class Destinations:
     home_m: FloatArray  # (3,) on the ground
     rally_m: FloatArray  # (r, 3)
     route_m: FloatArray  # (m, 3) vertices of the flown mission, take-off's top to landing's top
-    # area that the vehicle's fence allows, by its polygons; none without polygons
+    # area that the vehicle's fence allows, by its polygons; None without polygons
     fence: shapely.Geometry | None = None
-    landing: int | None = None  # vertex of the route where the mission's landing begins; none without one
+    landing: int | None = None  # vertex of the route where the mission's landing begins; None without one
 
     @property
     def items_m(self) -> FloatArray:
@@ -182,7 +182,7 @@ class FailsafePaths:
     stages: tuple[Stage, ...]  # k - 1 of them
     destinations: IntArray  # (n,) number of a rally point, ``HOME`` or ``IN_PLACE``
     duration_s: FloatArray  # (n,) until it lands or holds
-    tail_m: FloatArray | None = None  # (m, 3) legs of the mission that follow; none without them
+    tail_m: FloatArray | None = None  # (m, 3) legs of the mission that follow; None without them
     joins: IntArray | None = None  # (n,) first vertex of the tail that is flown to
     note: str = ""  # what else the paths depend on, for people
 

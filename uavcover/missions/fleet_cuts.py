@@ -149,7 +149,7 @@ def evenly_s(work_s: float, ready_s: Sequence[float]) -> float:
 
 
 def fleet_cuts(costs: FlightCosts, *, vehicles: int, turnaround_s: float, spacing_s: float = 0.0) -> Cuts | None:
-    """First and last waypoint of each flight, in the order of the route; none when no split exists.
+    """First and last waypoint of each flight, in the order of the route; None when no split exists.
 
     Args:
         costs: of the flights that are possible.
@@ -345,7 +345,7 @@ def share_out_unlike(times_s: Sequence[Sequence[float]], *, turnaround_s: float,
 def unlike_cuts(
     costs: Sequence[FlightCosts], *, turnaround_s: float, ready_s: Sequence[float], one_at_a_time: bool = False
 ) -> FlightsOfVehicles | None:
-    """The flights, in the order of the route, with their vehicles; none when no split is found.
+    """The flights, in the order of the route, with their vehicles; None when no split is found.
 
     Args:
         costs: of the flights that are possible to each vehicle.

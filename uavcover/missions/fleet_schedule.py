@@ -1,9 +1,10 @@
 """Planned times of sorties, the separation of vehicles in the air, and starts that keep it.
 
-A vehicle may be early or late: at its start by ``start_error_s``, and on its way by a share of the time since take-off. Wherever
-two paths come nearer than the separation, the times at which the two vehicles may be there must not overlap; so every such pair
-of pieces excludes an interval of the difference between the two starts, and all of them together say which starts are safe. A
-vehicle also stands at home for a while before its take-off and after its landing. ``tests/naive/fleet.py`` looks at every moment.
+A vehicle may be early or late: at its start by ``start_error_s``, and on its way by a fraction of the time since take-off.
+Wherever two paths come nearer than the separation, the times at which the two vehicles may be there must not overlap; so every
+such pair of pieces excludes an interval of the difference between the two starts, and all of them together say which starts are
+safe. A vehicle also stands at home for a while before its take-off and after its landing. ``tests/naive/fleet.py`` looks at every
+moment.
 """
 
 import dataclasses
@@ -266,7 +267,7 @@ def schedule(
     timelines: Sequence[Timeline],  # of the sorties
     fleet: Fleet,  # what keeps the vehicles apart
     *,
-    # who flies each, from 0; none: any vehicle, as all are alike, numbered by their first take-offs
+    # who flies each, from 0; None: any vehicle, as all are alike, numbered by their first take-offs
     vehicle_of: Sequence[int] | None = None,
     unsafe: UnsafeStarts | None = None,  # starts of pairs of these flights, where some are known from before
 ) -> tuple[Start, ...]:

@@ -207,11 +207,11 @@ def compile_sorties(
     route: Route,  # the planned route
     *,
     autopilot: AutopilotName,  # the autopilot whose limits apply
-    # how many points of its path a flight may have, transits included; none: any number
+    # how many points of its path a flight may have, transits included; None: any number
     most_points: int | None = None,
     vehicles: int = 1,  # how many fly at the same time
-    # share of the time between two landings at one home that is left between the starts of two vehicles; with less than
-    # 1 the flights are more even, and other pairs than neighbours must not land together
+    # fraction of the time between two landings at one home that is left between the starts of two vehicles; with less than 1 the
+    # flights are more even, and other pairs than neighbours must not land together
     spacing_share: float = 1.0,
 ) -> tuple[Sortie, ...]:
     """Compile a route as one flight, or as several with their own transits where endurance or item count require it.
@@ -363,7 +363,7 @@ def _cut_and_compiled(
 
 
 def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -> Sequence[tuple[int, int]] | None:
-    """First and last waypoint of each flight of the split that is done soonest; none when no split exists."""
+    """First and last waypoint of each flight of the split that is done soonest; None when no split exists."""
     if vehicles > 1:
         return fleet_cuts(
             costs, vehicles=vehicles, turnaround_s=site.scenario.fleet.turnaround_s,

@@ -132,7 +132,7 @@ class CompiledMission:
     # highest point of the whole path above home: what the autopilot's maximum altitude must allow
     max_height_above_home_m: float
     flight_time_s: float  # of the whole path, take-off and landing included
-    # share of a full battery, in the worst of the winds that it is planned for; none without an endurance
+    # fraction of a full battery, in the worst of the winds that it is planned for; None without an endurance
     battery_used: float | None = None
     zones_in_fence: tuple[Zone, ...] = ()  # the no-fly zones that are exclusions of the fence
     # those that are not, because the path passes over or under them and a fence has no floors
@@ -404,5 +404,5 @@ class Sortie:
     route: Route  # its waypoints
     compiled: CompiledMission  # its mission, from take-off at home to landing there
     vehicle: int = 1  # who flies it, from 1
-    # its planned take-off, since the first take-off of all; none where there is no schedule
+    # its planned take-off, since the first take-off of all; None where there is no schedule
     start_s: float | None = None

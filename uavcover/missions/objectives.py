@@ -386,6 +386,6 @@ def _together(parts: Sequence[RouteMetrics], *, share: float, of_coverable: floa
 
 
 def _sum(values: Iterable[float | None]) -> float | None:
-    """The sum; none where one is not known."""
+    """The sum; None where one is not known."""
     known = list(values)
     return None if None in known else sum(value for value in known if value is not None)

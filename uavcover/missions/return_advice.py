@@ -142,8 +142,8 @@ class OwnReturns:
         self,
         parameters: Mapping[str, float],  # names and values as the vehicle has them
         *,
-        rally: Sequence[FramedPoint] | None = None,  # the rally points that it holds now; none: as uploaded
-        home: GeoPoint | None = None,  # where its home is now; none: as planned
+        rally: Sequence[FramedPoint] | None = None,  # the rally points that it holds now; None: as uploaded
+        home: GeoPoint | None = None,  # where its home is now; None: as planned
     ) -> ReturnAdvice:
         """Judge everything that the autopilot does by itself along the path, by a vehicle's parameters."""
         site, frame = self.site, self.site.frame
@@ -257,9 +257,9 @@ def _above_home(site: Site, places_m: FloatArray) -> tuple[FramedPoint, ...]:
 def propose_rally(site: Site, path_m: FloatArray, *, autopilot: AutopilotName) -> FloatArray:
     """(r, 3) ENU rally points for a (k, 3) ENU path.
 
-    None where returns home are safe, or no point makes them safer.
+    Empty if returns home are safe, or no point makes them safer.
 
-    Greedy: each time the point that leaves the fewest moments with an unsafe return, by the autopilot's own selection.
+    Greedy: always choose the point that leaves the fewest moments with an unsafe return, by the autopilot's own selection.
     """
     moments = _thinned(flight_states(site, path_m))
     chosen = np.empty((0, 3))

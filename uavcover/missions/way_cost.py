@@ -306,7 +306,7 @@ def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | 
     Args:
         sites: of the vehicles, each with its home.
         coverage: the cells to be seen, with those that can be.
-        required: share of these; none: anything.
+        required: fraction of these; None: anything.
 
     Raises:
         InfeasibleError: fewer are within reach, or nothing can be seen from allowed heights at all.

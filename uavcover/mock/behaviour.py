@@ -126,7 +126,7 @@ class Settings:
     land_m_s: float = 0.7  # downward speed of the last metres
     acceptance_radius_m: float = 2.0  # a waypoint without a radius of its own counts as reached within this distance
     return_height_m: float = 30.0  # height above home that the vehicle returns at
-    motion: AutopilotMotion | None = None  # how it is led along legs, up and down; none: as fast as its airframe can
+    motion: AutopilotMotion | None = None  # how it is led along legs, up and down; None: as fast as its airframe can
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -135,7 +135,7 @@ class Settings:
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, autopilot: AutopilotName | None = None) -> "Settings":
-        """The settings of a scenario's vehicle under an autopilot; its own where none is named."""
+        """The settings of a scenario's vehicle under an autopilot; its own if none is named."""
         motion = vehicle.motion(autopilot)
         return cls(
             cruise_m_s=vehicle.cruise_speed_m_s,
@@ -212,7 +212,9 @@ class Behaviour:
     streams: Streams  # messages that it sends unasked
     transfer_clock: TransferClock  # the clock on which transfers time out
     terrain: GroundSource  # source of its terrain heights
-    stale_read_back: float  # share of the uploads after which a read-back still returns the previous list for a moment
+    stale_read_back: (
+        float  # fraction of the uploads after which a read-back still returns the previous list for a moment
+    )
 
 
 def quick(ready_s: float = 2.0) -> Behaviour:

@@ -308,7 +308,7 @@ class Trail:
             self._points.append(here)
 
     def note(self, here: Vector | None, now: float) -> str | None:
-        """Add a position, none where it is lost; why SmartRTL ends with it, in the autopilot's words."""
+        """Add a position, None where it is lost; why SmartRTL ends with it, in the autopilot's words."""
         if not self.is_active:
             return None
         if here is None:

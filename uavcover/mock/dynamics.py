@@ -313,7 +313,7 @@ class Battery:
 
     @property
     def time_left_s(self) -> float:
-        """Time until it is empty at the present power; infinite where none is drawn."""
+        """Time until it is empty at the present power; infinite if none is drawn."""
         if self.power_w == 0.0:
             return math.inf
         return self.remaining * self.capacity_wh * 3600.0 / self.power_w

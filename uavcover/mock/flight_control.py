@@ -148,7 +148,7 @@ class FlightControl:
         return CommandResult.ACCEPTED
 
     def set_home(self, home: GeoPoint | None) -> CommandResult:
-        """Move home; None is to where it is. ArduPilot's legs have the new heights from the next item on, PX4's at once."""
+        """Move home; None moves it to the vehicle. ArduPilot's legs use the new heights from the next item on, PX4's at once."""
         state = self.state
         if not state.is_ardupilot and not state.parameters["COM_HOME_EN"]:
             return CommandResult.DENIED

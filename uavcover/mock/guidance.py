@@ -384,7 +384,7 @@ class BrakedLegs(Legs):
         along = self._velocity[0] * unit[0] + self._velocity[1] * unit[1]
         _, length = direction_and_length(self._legs[self.passed].end_m, self._legs[self.passed + 1].end_m)
         most = min(self._legs[self.passed + 1].speeds.cruise_m_s, self._speed_to(length, 0.0))
-        # The next leg may have no length: the waypoint where pictures begin stands twice in a mission.
+        # The next leg may have no length: the waypoint where photos begin stands twice in a mission.
         return max(0.0, min(1.0, along / most)) if most > 0.0 else 0.0
 
     def _wanted(self) -> Vector:

@@ -45,12 +45,12 @@ class StepKind(Enum):
 class CameraOrder:
     """Order of one mission command to the camera."""
 
-    distance_m: float | None  # between pictures from now on, 0 stops them; none: as before
-    now: bool  # whether to take a picture at once
+    distance_m: float | None  # between photos from now on, 0 stops them; None: as before
+    now: bool  # whether to take a photo at once
 
     @classmethod
     def of(cls, item: MissionItem) -> Self | None:
-        """The order of a mission item; none for other commands, or for a series by time."""
+        """The order of a mission item; None for other commands, or for a series by time."""
         match item.command:
             case Command.DO_SET_CAM_TRIGG_DIST if item.params[0] >= 0.0:
                 return cls(item.params[0], item.params[2] > 0.0)

@@ -189,7 +189,7 @@ def return_steps(
         speeds: to fly at.
         was: the mode before: PX4 returns along its mission from another item where that was not its mission.
         seq: mission item that asks for it.
-        begin: where it begins, at rest; none: here, at the present speed.
+        begin: where it begins, at rest; None: here, at the present speed.
     """
     if state.is_ardupilot:
         if state.custom_mode == SMART_RTL and seq is None:
@@ -339,7 +339,7 @@ def mission_places(state: MockState) -> dict[int, Vector]:
 
 
 def _land_start(state: MockState) -> int | None:
-    """Number of the item where the mission's landing begins; none without a landing."""
+    """Number of the item where the mission's landing begins; None without a landing."""
     commands = [int(item.command) for item in state.mission_items]
     landing = next((n for n, command in enumerate(commands) if command in _LANDINGS), None)
     if landing is None:

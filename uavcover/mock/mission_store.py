@@ -110,7 +110,7 @@ class TerrainFeed:
         return height
 
     def known_or(self, otherwise: Callable[[float, float], float]) -> Callable[[float, float], float]:
-        """The known ground, and ``otherwise`` where it is not known."""
+        """The known ground, and ``otherwise`` if unknown."""
 
         def ground(lat_deg: float, lon_deg: float) -> float:
             height = self.height_amsl_m(lat_deg, lon_deg)
@@ -136,7 +136,7 @@ class MissionStore:
         *,
         local: Address,  # the vehicle's address
         seconds_per_s: float,  # seconds on the clock of the transfer timeouts, per second of vehicle time
-        stale_read_back: float,  # share of the uploads after which the previous list is still returned for 0.1 s
+        stale_read_back: float,  # fraction of the uploads after which the previous list is still returned for 0.1 s
         rng: np.random.Generator,  # decides which uploads
     ) -> None:
         self._autopilot, self._local, self._scale = autopilot, local, seconds_per_s

@@ -297,7 +297,7 @@ class MockServer(Closing):
         port: int = 0,  # port to bind; 0 is any free one, see ``port``
         kind: Callable[[str, int], Port] = UdpPort,  # UDP, or TCP
         speed: float = 1.0,  # vehicle seconds per second
-        loss: float = 0.0,  # share of the datagrams that are lost, each way
+        loss: float = 0.0,  # fraction of the datagrams that are lost, each way
         rng: Random | None = None,  # decides which datagrams
         greet: Place | None = None,  # an address that receives messages before it has sent any, or none
     ) -> None:
@@ -353,7 +353,7 @@ def run(
     vehicle: MockVehicle,  # the vehicle, made with the same ``speed``
     *,
     speed: float = 1.0,  # vehicle seconds per second
-    loss: float = 0.0,  # share of the datagrams that get lost, each way
+    loss: float = 0.0,  # fraction of the datagrams that get lost, each way
     seed: int = 0,  # of the loss
     on_bound: Callable[[int], None] | None = None,  # called with the port once it is bound
     ended: Callable[[], bool] = lambda: False,  # asked a hundred times a second

@@ -26,20 +26,19 @@ from uavcover.model.vehicle import MOTIONS
 
 # The camera of the mock vehicle: triggered by distance or by commands; it reports every photo.
 #
-# As ArduPilot and PX4 do it, the next picture by distance is due where the straight line over ground from the last
-# one reaches the distance: the rule of :func:`uavcover.kernels.coverage.picture_places`, one step of flight after the
-# other.
+# As ArduPilot and PX4 do it, the next photo by distance is due where the straight line over ground from the last one reaches the
+# distance: the rule of :func:`uavcover.kernels.coverage.picture_places`, one step of flight after the other.
 
 
 class MockCamera:
     """Takes photos and makes the messages that report them.
 
     Args:
-        body: what carries it; pictures are placed where it believes to be.
+        body: what carries it; photos are placed where it believes to be.
         ardupilot: whether it reports as ArduPilot does (CAMERA_FEEDBACK); otherwise as PX4 (CAMERA_IMAGE_CAPTURED).
 
     Attributes:
-        taken: how many pictures it has taken since it was switched on.
+        taken: how many photos it has taken since it was switched on.
         every: number of triggers for one photo.
         at_most: largest number of photos.
         reports: whether it reports its photos.
@@ -58,7 +57,7 @@ class MockCamera:
     def obey(self, order: CameraOrder, now: float) -> list[m.Message]:
         """Carry out the mission's camera orders; returns their reports.
 
-        PX4 forgets the last picture with every new distance, ArduPilot only when it stops.
+        PX4 forgets the last photo with every new distance, ArduPilot only when it stops.
         """
         if order.distance_m is not None:
             self._distance_m = order.distance_m
@@ -136,7 +135,7 @@ class MockState:
 
     Attributes:
         body: the flying body, with its battery, its itinerary and its believed position.
-        camera: takes pictures where the mission asks for them.
+        camera: takes photos where the mission asks for them.
         parameters: values of the autopilot's parameters.
         speeds: speeds to fly at now.
         faults: what has gone wrong and what will; ``faults.add`` takes more.

@@ -55,7 +55,7 @@ def is_flight_time(unix_s: float) -> bool:
 
 
 def flown_window(unix_time_s: FloatArray) -> Window | None:
-    """First and last of the known times since 1970 of a track; none where none is known."""
+    """First and last of the known times since 1970 of a track; None if none is known."""
     known = unix_time_s[np.isfinite(unix_time_s)]
     return None if known.size == 0 else (_moment(float(known.min())), _moment(float(known.max())))
 
@@ -88,10 +88,10 @@ def window_of(begin: str, end: str, key: str) -> Window:
 class ActivePeriod:
     """A stretch of time, or the part of it on some days of the week and some hours of the day."""
 
-    begin_utc: datetime | None = None  # its first moment; none: it has always begun
-    end_utc: datetime | None = None  # its last moment; none: it does not end
+    begin_utc: datetime | None = None  # its first moment; None: it has always begun
+    end_utc: datetime | None = None  # its last moment; None: it does not end
     days: frozenset[int] = frozenset()  # numbers of the weekdays on which it begins, Monday is 0; empty: every day
-    hours: tuple[time, timedelta] | None = None  # when it begins on such a day and how long it lasts; none: all day
+    hours: tuple[time, timedelta] | None = None  # when it begins on such a day and how long it lasts; None: all day
     zone: tzinfo = UTC  # where these days and hours are counted
 
     def meets(self, window: Window) -> bool:
@@ -283,7 +283,7 @@ class FlightLimits:
 
     @property
     def fence_key(self) -> str | None:
-        """The key by which the fence is given; none for the default fence."""
+        """The key by which the fence is given; None for the default fence."""
         return next((key for key in FENCE_KEYS if getattr(self, key) is not None), None)
 
     @property
@@ -422,7 +422,7 @@ class NoFly:
 
     @property
     def parts(self) -> tuple[Rings, ...]:
-        """The polygons in its own coordinates; none for a circle or a file."""
+        """The polygons in its own coordinates; empty for a circle or a file."""
         ring = self.polygon_lon_lat_deg or self.polygon_east_north_m
         return ((ring,),) if ring is not None else self.polygons_lon_lat_deg or ()
 

@@ -29,14 +29,13 @@ class RouteMetrics:
     # the minimised cost by ``planner.objective`` and ``planner.band_deviation_price``; by default ``mission_time_s``,
     # and ``path_length_m`` without a home
     cost: float
-    # of the whole mission, from the ground at home to the ground at home, of all flights that it takes; none without a
-    # home
+    # of the whole mission, from the ground at home to the ground at home, of all flights that it takes; None without a home
     mission_time_s: float | None = None
     mission_energy_hover_s: float | None = None  # energy of the same mission, as seconds of hovering in the stated wind
 
     @property
     def time_s(self) -> float:
-        """The time that tables show: of the whole mission, or of the route alone where there is no home."""
+        """The time that tables show: of the whole mission, or of the route alone without a home."""
         return self.flight_time_s if self.mission_time_s is None else self.mission_time_s
 
 
@@ -107,7 +106,7 @@ class RouteMember:
     metrics: RouteMetrics  # its metrics on the cells of the area
     violation: float  # total violation of the hard limits, 0 for a feasible route
     origin: str  # the algorithm or baseline that made it; for a part of a route, PART_OF and the origin of the whole
-    # what its mission comes to; none where it cannot be flown, or was not cut into flights
+    # what its mission comes to; None where it cannot be flown, or was not cut into flights
     mission: MissionSize | None = None
 
     @property
@@ -169,11 +168,11 @@ class Bound:
     question: Question
     asked: float  # the coverage as a fraction of the coverable area, 0..1, or the number of waypoints
     limit: float  # the proved lower bound; for "most_coverage" an upper bound
-    found: float | None  # the best of the plan's routes, none when no route achieves what was asked
+    found: float | None  # the best of the plan's routes, None when no route achieves what was asked
     proved_on: str  # the positions considered: a route through others may beat a bound that was proved on a lattice
     method: str  # how it was proved
-    # what the limit's share is a share of: "cells", which are seen where one place in each is, as ``found`` is counted;
-    # or "ground", all of it between those places too
+    # what the limit's share is a fraction of: "cells", which are seen where one place in each is, as ``found`` is counted; or
+    # "ground", all of it between those places too
     counted: Literal["cells", "ground"] = "cells"
 
     @property

@@ -154,7 +154,7 @@ class PlannerSettings:
 
     @property
     def most_waypoints(self) -> int | None:
-        """Most waypoints that a route may have where lines are planned; none where any number will do."""
+        """Most waypoints that a route may have where lines are planned; None where any number will do."""
         return self.max_waypoints if self.encoding == "swaths" else None
 
 
@@ -230,7 +230,7 @@ class Scenario:
     flight_window_utc: tuple[str, str] | None = None
     wind: Wind = field(default_factory=Wind)  # the wind the flight is planned for
     fleet: Fleet = field(default_factory=Fleet)  # how many vehicles fly the plan, and what keeps them apart
-    # those of [[vehicle]] given several times, where they differ; none where all are alike
+    # those of [[vehicle]] given several times, where they differ; None where all are alike
     vehicles: tuple[Vehicle, ...] = ()
     description: str = ""  # one-line description
 

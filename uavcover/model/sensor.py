@@ -103,9 +103,9 @@ class NadirCamera(SensorBase):
     sample_spacing_m: float | None = None
     # "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level
     mount: Mount = "fixed"
-    # pixels along the diameter of the field of view, for ground sample distances; none: unknown
+    # pixels along the diameter of the field of view, for ground sample distances; None: unknown
     pixels_across: int | None = None
-    max_ground_sample_m: float | None = None  # largest ground sample distance; none: any
+    max_ground_sample_m: float | None = None  # largest ground sample distance; None: any
 
     def __post_init__(self) -> None:
         require_positive(self, "range_m", "sample_spacing_m")
@@ -178,8 +178,8 @@ class FrameCamera(SensorBase):
     range_m: float  # largest slant range
     # angle of the camera's axis to the horizon: -90 is straight down, -30 is ahead and slightly down
     pitch_deg: float = -90.0
-    # heading, clockwise from north, at which a gimbal holds the top of the photo (or the axis, if not straight down);
-    # none: that of the vehicle, which follows its legs
+    # heading, clockwise from north, at which a gimbal holds the top of the photo (or the axis, if not straight down); None: that
+    # of the vehicle, which follows its legs
     heading_deg: float | None = None
     max_incidence_deg: float = 75.0  # largest angle between the ray and the normal of the ground
     sensing: Sensing = "along-path"  # at waypoints, which requires a heading, or along the path
@@ -189,9 +189,9 @@ class FrameCamera(SensorBase):
     sample_spacing_m: float | None = None
     # "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level
     mount: Mount = "fixed"
-    # pixels from the left to the right side of the photo, for ground sample distances; none: unknown
+    # pixels from the left to the right side of the photo, for ground sample distances; None: unknown
     pixels_across: int | None = None
-    max_ground_sample_m: float | None = None  # largest ground sample distance; none: any
+    max_ground_sample_m: float | None = None  # largest ground sample distance; None: any
     # fraction of a photo's length on the ground that the next one shows again, at the lowest height of the band; photos
     # are then taken by distance. None: not required.
     forward_overlap: float | None = None

@@ -67,11 +67,11 @@ class SensorBase(ABC):
     __slots__ = ()
     kind: str  # name of this sensor in a scenario
     sensing: Sensing  # whether it observes only at the waypoints or along the path
-    sample_spacing_m: float | None  # distance between observations along the path; none: by its footprint
-    mount: Mount | None = None  # how its axis is mounted; none without an axis
-    # heading at which a gimbal holds the top of its photo; none: that of the vehicle, or of no effect
+    sample_spacing_m: float | None  # distance between observations along the path; None: by its footprint
+    mount: Mount | None = None  # how its axis is mounted; None without an axis
+    # heading at which a gimbal holds the top of its photo; None: that of the vehicle, or of no effect
     heading_deg: float | None = None
-    # fraction of a photo's length that the next one shows again; none where it is not required
+    # fraction of a photo's length that the next one shows again; None where it is not required
     forward_overlap: float | None = None
     side_overlap: float = 0.0  # fraction of a photo's width that the next swath shows again
 
@@ -120,7 +120,7 @@ class SensorBase(ABC):
 
     @property
     def slant_range_m(self) -> float | None:
-        """Largest distance of a visible cell; none where only the distance on the map counts."""
+        """Largest distance of a visible cell; None where only the distance on the map counts."""
         return self.sight.reach_m
 
     @property
@@ -130,7 +130,7 @@ class SensorBase(ABC):
 
     @property
     def pitch_deg(self) -> float | None:
-        """Angle of its axis to the horizon; none without an axis."""
+        """Angle of its axis to the horizon; None without an axis."""
         return None
 
     @property
@@ -140,7 +140,7 @@ class SensorBase(ABC):
 
     @property
     def focal_px(self) -> float:
-        """Focal length in pixels; NaN where it is not known."""
+        """Focal length in pixels; NaN if unknown."""
         return math.nan
 
     @property
@@ -159,11 +159,11 @@ class SensorBase(ABC):
         return np.empty((0, 2))
 
     def flat_picture(self, height_agl_m: float) -> FlatPicture | None:  # noqa: ARG002
-        """Flat ground in a rectangular photo from a height; none where there is none, or no such photo."""
+        """Flat ground in a rectangular photo from a height; None without one, or no such photo."""
         return None
 
     def photo_spacing_m(self, lowest_agl_m: float) -> float | None:  # noqa: ARG002
-        """Distance between two photos, triggered by distance, for the lowest height of the band; none: not so triggered."""
+        """Distance between two photos, triggered by distance, for the lowest height of the band; None: not so triggered."""
         return None
 
     def camera_turn(self, attitude_deg: FloatArray, courses_deg: FloatArray | None = None) -> CameraTurn:

@@ -202,16 +202,16 @@ class AutopilotMotion:
     # by which a long leg takes longer because the vehicle follows its own set speed late; measured
     settling_s: float = 0.0
     settling_tc_s: float = 1.0  # time constant of that; measured
-    # largest change of vertical speed at a waypoint that it does not brake for; none: any
+    # largest change of vertical speed at a waypoint that it does not brake for; None: any
     vertical_change_m_s: float | None = None
-    takeoff_m_s: float | None = None  # speed of the first metres of the climb; none: as any climb
+    takeoff_m_s: float | None = None  # speed of the first metres of the climb; None: as any climb
     takeoff_slow_m: float = 0.0  # how many metres these are
     land_m_s: float  # speed of the last metres of the landing
     land_slow_m: float  # how many metres these are
     land_band_m: float  # metres above those over which the speed changes
     # at which its nose turns
     yaw_rate_deg_s: float = 60.0  # ATC_SLEW_YAW of ArduCopter, MPC_YAWRAUTO_MAX of PX4 from 1.15 on (45 before)
-    yaw_acceleration_deg_s2: float | None = None  # how fast that rate changes; none: at once
+    yaw_acceleration_deg_s2: float | None = None  # how fast that rate changes; None: at once
 
 
 MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
@@ -288,7 +288,7 @@ class Vehicle:
 
     @property
     def hover_s(self) -> float | None:
-        """Time in hover on a full battery with the payload; none where there is no endurance."""
+        """Time in hover on a full battery with the payload; None without a endurance."""
         return None if self.endurance_s is None else self.endurance_s / self.power.hover_factor
 
     @property

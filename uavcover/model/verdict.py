@@ -233,7 +233,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class CellStatistics:
-    """Statistics of how well the cells were seen, over seen cells only; none when no cell has a value."""
+    """Statistics of how well the cells were seen, over seen cells only; None when no cell has a value."""
 
     count: int  # number of cells of the area
     seen: int  # number of cells seen
@@ -253,14 +253,14 @@ class PictureStatistics:
     taken: int  # how many photos there are
     # how many looks they are: photos from one place, in a like direction, are one look, and overlap counts looks
     looks: int
-    # number of photos in which the required overlap puts a point: floor(1 / (1 - forward)) times floor(1 / (1 - side));
-    # none where no overlap is required
+    # number of photos in which the required overlap puts a point: floor(1 / (1 - forward)) times floor(1 / (1 - side)); None
+    # where no overlap is required
     asked: int | None
     overlap_fraction: float | None  # fraction of the ground in at least ``asked`` photos, 0..1
     overlap_holds: bool | None  # whether that is enough
     fewest: int  # of any cell
     median: float  # of the cells
-    # median of the best ground sample distance of each cell; none where it is not known
+    # median of the best ground sample distance of each cell; None if unknown
     ground_sample_median_m: float | None
     ground_sample_p95_m: float | None  # 95 % of the cells have a better one
 
@@ -332,35 +332,35 @@ class VerificationReport:
         surely_covered_fraction: fraction of the area seen for every error within [uncertainty].
         surely_covered_of_coverable: the same of the coverable area.
         possibly_covered_fraction: fraction of the area seen for some error within [uncertainty].
-        planned_coverage_fraction: coverage that the plan promised, none without a plan.
+        planned_coverage_fraction: coverage that the plan promised, None without a plan.
         min_height_agl_m: lowest height above ground between the first and the last planned waypoint.
         max_height_agl_m: largest height above ground there.
         min_transit_clearance_m: lowest height above ground in transit, without take-off and landing.
         max_transit_height_agl_m: largest height above ground outside the route, including take-off and landing.
         violations: limits that were broken.
-        max_deviation_m: largest distance from the planned route between its ends, none without a plan.
-        max_ground_speed_m_s: largest ground speed on the route, averaged over a second; none without a route.
+        max_deviation_m: largest distance from the planned route between its ends, None without a plan.
+        max_ground_speed_m_s: largest ground speed on the route, averaged over a second; None without a route.
         gaps: coverage gaps, largest first.
         cells: how well the cells were seen.
-        pictures: in how many photos they are; none for a sensor that takes no single photos.
+        pictures: in how many photos they are; None for a sensor that takes no single photos.
         coverage_by_time: coverage over time; with several tracks, each is taken to begin right after the previous one.
         samples: number of samples of the track.
         unknown_attitude_looks: number of observations of unknown direction; what they may have seen counts as possibly seen.
         unobserved: unobserved stretches of the flight, in order of tracks and time.
         unobserved_s: their total duration between take-off and landing.
         unobserved_m: their total length in metres.
-        unobserved_route_fraction: unobserved fraction of the route's time; none without a route.
+        unobserved_route_fraction: unobserved fraction of the route's time; None without a route.
         verdict: passed, failed or not proved.
         passed: whether the verdict is "passed".
         reasons: why it failed, one line each.
         doubts: why it is not proved, one line each.
         findings: other irregularities, one line each.
         requirements: the requirements and limits that were judged, by their names in the scenario.
-        flown_utc: first and last moment of the tracks that tell the time of day, UTC; none where none does. No-fly zones are
+        flown_utc: first and last moment of the tracks that tell the time of day, UTC; None where none does. No-fly zones are
             judged by it.
-        separation: of each two tracks that overlap in time; none where no separation is required.
-        photo_source: whether photos count that the vehicle reported, or that its tracks predict; none for a sensor that takes
-            no single photos, or where real photos tell the coverage.
+        separation: of each two tracks that overlap in time; None where no separation is required.
+        photo_source: whether photos count that the vehicle reported, or that its tracks predict; None for a sensor that takes no
+            single photos, or where real photos tell the coverage.
         missing_photos: stretches on which expected photos were not reported.
         judgement: the findings that the verdict, its reasons and its doubts come from, each with what it concerns.
     """

@@ -135,7 +135,7 @@ def checked_row(row: Mapping[str, Any], *, where: str, required: tuple[str, ...]
 
 
 def number_of(row: Mapping[str, Any], key: str, *, where: str) -> float | None:
-    """A positive number of a row; none when it is not there. Raises InputError: it is not a positive number."""
+    """A positive number of a row; None when it is not there. Raises InputError: it is not a positive number."""
     value = row.get(key)
     if value is None:
         return None
@@ -210,7 +210,7 @@ class CameraBody:
     pixels_across: int  # pixels along the longer side
     pixels_along: int  # along the shorter side
     focal_length_mm: float  # of the lens
-    min_interval_s: float | None = None  # shortest time between two photos; none: unknown
+    min_interval_s: float | None = None  # shortest time between two photos; None: unknown
     source: str = ""  # where the values are from
 
     @property

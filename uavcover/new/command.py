@@ -71,7 +71,7 @@ class NewScenario:
     design: SurveyDesign  # heights, distances, speed
     look: TerrainLook  # at the terrain
     view: View  # which flight of a pattern it is
-    surface: SurfaceLook | None  # at the surface model; none without one
+    surface: SurfaceLook | None  # at the surface model; None without one
 
 
 def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenario:

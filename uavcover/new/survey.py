@@ -25,13 +25,13 @@ class SurveyWish:
 
     camera: CameraBody  # the camera
     gsd_m: float  # largest ground sample distance
-    forward_overlap: float  # share of a photo's length that the next one shows again
-    side_overlap: float  # share of its width that the next line shows again
+    forward_overlap: float  # fraction of a photo's length that the next one shows again
+    side_overlap: float  # fraction of its width that the next line shows again
     vehicle: VehicleType | None = None  # the vehicle, or none
-    ceiling_agl_m: float | None = None  # largest height above ground; none: the usual limit
-    speed_m_s: float | None = None  # speed over ground; none: the vehicle's usual one
-    endurance_s: float | None = None  # time in the air on a full battery; none: the vehicle's
-    margin_m: float | None = None  # how far beyond the area photos overlap; none: as far as they have to
+    ceiling_agl_m: float | None = None  # largest height above ground; None: the usual limit
+    speed_m_s: float | None = None  # speed over ground; None: the vehicle's usual one
+    endurance_s: float | None = None  # time in the air on a full battery; None: the vehicle's
+    margin_m: float | None = None  # how far beyond the area photos overlap; None: as far as they have to
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +51,7 @@ class SurveyDesign:
     line_distance_m: float  # between two lines, at the middle of the band
     speed_m_s: float  # over ground
     speed_reason: str  # why it is not the usual one; empty if it is
-    endurance_s: float | None  # time in the air on a full battery; none: unknown
+    endurance_s: float | None  # time in the air on a full battery; None: unknown
     margin_m: float  # how far the area is grown
     cell_size_m: float  # side of the cells on which results are judged
     range_m: float  # largest slant range, from the top of the band to the corners of a photo on a slope
@@ -181,8 +181,8 @@ class View:
 
     name: str  # of the flight; empty where there is one
     pitch_deg: float  # of the camera's axis; -90 is straight down
-    heading_deg: float | None  # that the camera keeps, clockwise from north; none: that of its legs
-    line_heading_deg: float | None  # of the lines; none: the planner chooses every leg's
+    heading_deg: float | None  # that the camera keeps, clockwise from north; None: that of its legs
+    line_heading_deg: float | None  # of the lines; None: the planner chooses every leg's
 
     @property
     def is_tilted(self) -> bool:
@@ -197,7 +197,7 @@ def views_of(pattern: str | None, *, along_deg: float) -> tuple[View, ...]:
     """The flights of a pattern.
 
     Args:
-        pattern: one of ``PATTERNS``; none: single.
+        pattern: one of ``PATTERNS``; None: single.
         along_deg: heading of the longer side of the area.
 
     Raises:
@@ -242,16 +242,15 @@ class SurveyScenario:
     autopilot: str  # whose conventions mission files follow
     mount: str  # "stabilised" or "fixed"
     no_fly: tuple[str, ...] = ()  # files of no-fly zones
-    flight_window_utc: tuple[str, str] | None = None  # when it is flown; none: at any time
+    flight_window_utc: tuple[str, str] | None = None  # when it is flown; None: at any time
     view: View = SINGLE  # what this flight of a pattern looks at
     surface_files: tuple[str, ...] = ()  # a surface model: files, folders or patterns
-    surface: SurfaceLook | None = None  # what was seen of it; none without one
+    surface: SurfaceLook | None = None  # what was seen of it; None without one
     trust_heights: bool = False  # whether the user confirmed heights that do not look like ground
-    fence: Ring | None = None  # ring in longitude and latitude; none for the default around area and home
-    max_alt_amsl_m: float | None = None  # highest altitude of the whole flight; none without a limit
+    fence: Ring | None = None  # ring in longitude and latitude; None for the default around area and home
+    max_alt_amsl_m: float | None = None  # highest altitude of the whole flight; None without a limit
     rally: Ring | None = None  # rally points in longitude and latitude
-    # share of the ground on which plain lines keep the overlap asked for, which is then required; none where they do
-    # not
+    # fraction of the ground on which plain lines keep the overlap asked for, which is then required; None where they do not
     keeps_overlap: float | None = None
 
 

@@ -45,7 +45,7 @@ def look_at_terrain(
         parts: the area, rings of (longitude, latitude).
         where: names the area in errors.
         around_m: how far around it the ground matters.
-        datum: vertical datum of the file; none: what it says, or may have.
+        datum: vertical datum of the file; None: what it says, or may have.
 
     Raises:
         TerrainError: the file cannot be used.
@@ -131,7 +131,7 @@ def place_for_home(
     look: TerrainLook,  # at the terrain
     *,
     avoid: shapely.Geometry | None = None,  # where it must not be, (east, north) metres in the frame of the look
-    # whether nothing stands at (n, 2) places; none: everywhere
+    # whether nothing stands at (n, 2) places; None: everywhere
     is_open: Callable[[FloatArray], np.ndarray] | None = None,
 ) -> tuple[float, float]:
     """Latitude and longitude of the lowest position at the area's edge where the ground is level enough for take-off.
@@ -289,12 +289,12 @@ class SurfaceLook:
     vertical_datum: str | None  # of its heights, where it is not that of the ground
     highest_amsl_m: float  # highest place of the surface in and around the area
     tallest_m: float  # largest height of the surface above the ground there
-    hidden_share: float  # share of the area's ground that it hides, 0..1
+    hidden_share: float  # fraction of the area's ground that it hides, 0..1
     # height above the ground, (n,) at (n, 2) places in the frame of the terrain's look
     above_ground_m: Callable[[FloatArray], FloatArray]
 
     def is_open(self, east_north_m: FloatArray) -> np.ndarray:
-        """(n,) whether nothing stands at (n, 2) places; False where it is not known."""
+        """(n,) whether nothing stands at (n, 2) places; False if unknown."""
         return np.asarray(self.above_ground_m(east_north_m) <= TERRAIN.hides_m)
 
 

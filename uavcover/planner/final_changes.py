@@ -255,7 +255,7 @@ class UnsurePicture:
 
 
 def unsure_pictures(site: Site, route_m: FloatArray) -> Iterator[UnsurePicture]:
-    """Unsure photos along an (n, 3) ENU route as flown, in their order; None if corners are flown exactly."""
+    """Unsure photos along an (n, 3) ENU route as flown, in their order; nothing if corners are flown exactly."""
     trigger_m = trigger_distance_m(site.scenario)
     if trigger_m is None or not corners_matter(site) or len(route_m) < 2:
         return

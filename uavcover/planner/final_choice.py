@@ -231,7 +231,7 @@ def _closed(judging: CoverageMap, route: Route, goal: float, is_over: Callable[[
 def _simplified(
     site: Site, feasible: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
 ) -> list[NamedRoute]:
-    """The rule's choice among the members, without unneeded waypoints; None if it needs all."""
+    """The rule's choice among the members, without unneeded waypoints; empty if it needs all."""
     chosen = _chosen_so_far(feasible, rule)
     if chosen is None:
         return []

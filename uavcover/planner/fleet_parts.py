@@ -212,7 +212,7 @@ class Soonest:
         self._times_s = [[member.metrics.time_s for member in options] for options in self._options]
 
     def combinations(self) -> list[list[RouteMember]]:
-        """A few combinations, the soonest first; None where none has the coverage."""
+        """A few combinations, the soonest first; empty where none has the coverage."""
         times_s = sorted({time_s for times_s in self._times_s for time_s in times_s})
         least = bisect.bisect_left(times_s, True, key=lambda time_s: self._covers(self._within(time_s)))
         found: dict[tuple[int, ...], list[RouteMember]] = {}

@@ -133,7 +133,7 @@ def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
 
 
 def _shifts_m(sensor: Sensor, height_agl_m: float) -> list[tuple[float, float]]:
-    """None, and the look-ahead of a tilted camera with a fixed heading: the edge behind is observed from outside."""
+    """No shift, and the look-ahead of a tilted camera with a fixed heading: the edge behind is observed from outside."""
     picture = sensor.flat_picture(height_agl_m)
     if sensor.heading_deg is None or picture is None or abs(picture.near_m + picture.far_m) < 1.0:
         return [(0.0, 0.0)]

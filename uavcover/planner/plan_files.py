@@ -221,7 +221,7 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
 
     Args:
         site: the scenario on its ground.
-        flights: as :func:`uavcover.missions.flights.compile_flights`; None when there is no mission.
+        flights: as :func:`uavcover.missions.flights.compile_flights`; empty without a mission.
     """
     fleet = site.scenario.fleet
     if fleet.vehicles == 1:

@@ -331,7 +331,7 @@ def _in_question(members: Sequence[RouteMember], rule: Rule, vehicles: int) -> l
 def _by_vehicles(
     site: Site, chosen: RouteMember, autopilot: AutopilotName | None, most: int
 ) -> tuple[MissionSize, ...]:
-    """Mission size of the chosen route with one vehicle, two and so on. None where there is one, or they differ."""
+    """Mission size of the chosen route with one vehicle, two and so on. Empty where there is one, or they differ."""
     alike = before_pads(site) if site.scenario.vehicles else site
     if most == 1 or alike is None or chosen.mission is None:
         return ()

@@ -287,8 +287,8 @@ class VehicleState:
     """State of vehicle and link at a moment of the flight."""
 
     time_s: float  # vehicle time
-    battery_v: float | None  # voltage; none where unknown
-    battery_percent: float | None  # remaining charge; none where unknown
+    battery_v: float | None  # voltage; None where unknown
+    battery_percent: float | None  # remaining charge; None where unknown
     frames_in: int  # messages that arrived since the link was opened
     frames_lost: int  # lost messages, by gaps in their sequence numbers
 

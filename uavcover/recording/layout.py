@@ -221,7 +221,7 @@ class RecordingRow:
     entity: str  # its path; the coverage tiles are one row that ends in ``*``
     timelines: tuple[str, ...]  # names of its timelines, empty for static data
     samples: int  # rows in time, or 1 for static data
-    start_s: float | None  # first time on the recording's own timeline, none for static data
+    start_s: float | None  # first time on the recording's own timeline, None for static data
     end_s: float | None  # last time
 
 

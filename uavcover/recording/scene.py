@@ -120,7 +120,7 @@ def _log_scene(recording: rr.RecordingStream, coverage: CoverageMap, planned: Ro
 
 
 def lat_lon_deg(site: Site, enu_m: FloatArray) -> FloatArray | None:
-    """(n, 2) latitude and longitude of (n, 3) ENU positions; none for a site that is not georeferenced."""
+    """(n, 2) latitude and longitude of (n, 3) ENU positions; None for a site that is not georeferenced."""
     return None if site.frame is None else np.column_stack(site.frame.geodetic_from_enu(enu_m)[:2])
 
 
@@ -259,8 +259,7 @@ def make_blueprint(
 
     Args:
         site: determines the camera, and whether there is a map.
-        span_s: vehicle time at the start and at the end of the flight; none for an ongoing flight, whose latest moment is
-            shown.
+        span_s: vehicle time at the start and at the end of the flight; None for an ongoing flight, whose latest moment is shown.
         paths: entities of flown paths, which are drawn as far as they are flown.
     """
     words: list[rrb.ContainerLike] = [

@@ -222,11 +222,11 @@ class LiveRecording:
         site: the scenario on its ground.
         coverage: its cells.
         planned: the planned sensing route.
-        viewer_url: viewer that shows the flight; none for the file alone.
+        viewer_url: viewer that shows the flight; None for the file alone.
 
     Attributes:
         error: why the recording ended before the flight; None while it goes on.
-        covered: share of the area that was observed so far, 0 to 1.
+        covered: fraction of the area that was observed so far, 0 to 1.
 
     Raises:
         OutputError: the file cannot be created.

@@ -58,7 +58,7 @@ class Flight:
 
     name: str  # name of the track's file, with its path inside the run folder
     track: Track  # the flown track
-    planned_m: FloatArray  # (k, 3) waypoints of its plan, which ``track.current_waypoint`` counts; none without a plan
+    planned_m: FloatArray  # (k, 3) waypoints of its plan, which ``track.current_waypoint`` counts; empty without a plan
     enu_m: FloatArray  # (n, 3) its positions as judged
     height_agl_m: FloatArray  # (n,) above ground, NaN where there is no elevation
     clock_s: FloatArray  # (n,) time on the common clock of all flights, 0 at the start of the first
@@ -75,7 +75,7 @@ class PlannedView:
 
     seen: BoolArray  # (cells,) whether it sees each cell
     poses: SensorPoses  # from where it observes
-    # how many of these, as single pictures, show each cell; none for a sensor that takes no single pictures
+    # how many of these, as single pictures, show each cell; None for a sensor that takes no single pictures
     pictures: PictureCounts | None
     statistics: PictureStatistics | None  # of these pictures
 
@@ -88,14 +88,14 @@ class ReportContent:
     coverage: CoverageMap  # the cells of the area
     plan: dict[str, Any]  # the content of ``plan.json``
     planned: PlannedDocument  # the selected route
-    # (k, 3) waypoints of each sortie that the plan is flown in; none when it is one flight
+    # (k, 3) waypoints of each sortie that the plan is flown in; None when it is one flight
     sorties_m: tuple[FloatArray, ...]
     planned_view: PlannedView  # what they promise to see
     members: tuple[ParetoRow, ...]  # the Pareto set, empty where there is no ``pareto.csv``
-    about: dict[str, Any]  # ``run.json``, empty where there is none
-    upload: dict[str, Any]  # ``upload.json``, empty where there is none
+    about: dict[str, Any]  # ``run.json``, empty without one
+    upload: dict[str, Any]  # ``upload.json``, empty without one
     flights: tuple[Flight, ...]  # the flown tracks, counted as one flight; empty before a flight
-    verdict: Verdict | None  # coverage and safety, recomputed here from the tracks; none before a flight
+    verdict: Verdict | None  # coverage and safety, recomputed here from the tracks; None before a flight
     warnings: tuple[str, ...]  # irregularities in the track files
     notices: tuple[str, ...] = ()  # how the judged tracks relate to the plan and to ``verification.json``
 
@@ -107,7 +107,7 @@ def read_run(
 
     Args:
         run: a run folder with a plan.
-        logs: the flown tracks, as ``verify`` takes them; none: the run's own track, where there is one.
+        logs: the flown tracks, as ``verify`` takes them; empty: the run's own track, where there is one.
         notices: notices about the files for the first screen.
         judged: whether flights are read at all; else the plan alone.
 

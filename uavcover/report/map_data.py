@@ -155,7 +155,7 @@ def _violations(verdict: Verdict, flights: Sequence[Flight]) -> list[dict[str, A
 
 
 def _unsafe_returns(site: Site, routes_m: Sequence[FloatArray]) -> list[dict[str, Any]]:
-    """Parts of the flights from where the autopilot's own return is not safe; none where there is no mission."""
+    """Parts of the flights from where the autopilot's own return is not safe; empty where there is no mission."""
     found = []
     for route_m in routes_m:
         try:
@@ -395,7 +395,7 @@ def gap_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
 def ramp_layer(
     coverage: CoverageMap, key: str, title: str, values: FloatArray, colors: str, label: Callable[[float], str]
 ) -> CellLayer | None:
-    """Values on a ramp of colours; none where no cell has one."""
+    """Values on a ramp of colours; None where no cell has one."""
     known = np.isfinite(values)
     if not known.any():
         return None

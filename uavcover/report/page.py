@@ -315,7 +315,7 @@ def draw_figures(content: ReportContent, folder: Path, user: User, *, force: boo
     """Draw the figures of a run into a folder.
 
     Raises:
-        OutputError: a figure is there already and ``force`` was not said, or cannot be written.
+        OutputError: a figure already exists and ``force`` is not set, or cannot be written.
     """
     there = [name for name in plots.FIGURE_NAMES if (folder / name).exists()]
     if there and not force:

@@ -122,7 +122,7 @@ def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
 
 
 def pareto_front(content: ReportContent) -> tuple[Chart, ...]:
-    """Coverage against mission time or length of the Pareto set and the baselines; none without a Pareto set.
+    """Coverage against mission time or length of the Pareto set and the baselines; empty without a Pareto set.
 
     The first chart shows the surroundings of the chosen route, where one chooses; the second everything, where that is more.
     """
@@ -215,7 +215,7 @@ def _size(mission: MissionSize | None) -> str:
 
 
 def _largest(values: FloatArray) -> float:
-    """The largest known value, 0 when there is none."""
+    """The largest known value, 0 without one."""
     known = values[np.isfinite(values)]
     return float(known.max()) if known.size else 0.0
 

@@ -28,7 +28,7 @@ class PlannedDocument:
 
     route: Route  # the chosen route
     coverage_fraction: float  # planned share of the area
-    coverage_of_coverable: float  # planned share of what can be seen
+    coverage_of_coverable: float  # planned fraction of the visible ground
     rule_met: bool  # whether the selection rule was met
     vehicles: int = 1  # how many fly it; a sortie, a gap mission or what is left of a flight is for one
 
@@ -78,7 +78,7 @@ def plan_document(
 
 
 def _mission(plan: Plan) -> dict[str, Any] | None:
-    """Figures of the mission, and with fewer vehicles; none where the plan has no sorties."""
+    """Figures of the mission, and with fewer vehicles; None where the plan has no sorties."""
     if plan.chosen.mission is None:
         return None
     others = [dataclasses.asdict(size) for size in plan.by_vehicles]
@@ -118,7 +118,7 @@ def bound_in_words(question: str, entry: dict[str, Any]) -> str:
 
 
 def _gap_in_words(gap: float) -> str:
-    """As a share of the bound, or how many times it what was found is."""
+    """As a fraction of the bound, or how many times it what was found is."""
     return f"gap {_percent(gap)}" if gap <= 1.0 else f"{1.0 + gap:.1f} times that"
 
 

@@ -35,7 +35,7 @@ class RunFolder:
         return self.path / name
 
     def sorties(self) -> list["RunFolder"]:
-        """Its folders ``sortie-1``, ``sortie-2``, ..., each a run folder of its own; none when it is one flight."""
+        """Its folders ``sortie-1``, ``sortie-2``, ..., each a run folder of its own; empty when it is one flight."""
         self.settle()
         found: list[RunFolder] = []
         while (folder := RunFolder(self.path / f"sortie-{len(found) + 1}")).file("plan.json").is_file():
@@ -77,8 +77,8 @@ class RunFolder:
         A folder that was made here and is still empty after an error is removed again.
 
         Raises:
-            OutputError: a file is there already and ``force`` was not said, the folder cannot be made or written to,
-                or another process has reserved it.
+            OutputError: a file already exists and ``force`` is not set, the folder cannot be made or written to, or another
+                process has reserved it.
         """
         made = not self.path.exists()
         with writing(self.path):
@@ -261,7 +261,7 @@ def flown_in(run: RunFolder) -> list[str]:
 
 
 def moves_of_an_older_plan(run: RunFolder) -> dict[str, str]:
-    """New names, in a folder ``older-N``, for everything of a plan that was flown; none when it was not."""
+    """New names, in a folder ``older-N``, for everything of a plan that was flown; empty when it was not."""
     if not has_a_flight(run):
         return {}
     names = [name for name in (*PLAN_FILES, *OF_A_PLAN) if run.file(name).exists()]

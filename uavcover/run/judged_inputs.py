@@ -31,8 +31,8 @@ class Change:
 
     what: str  # one of ``WHATS``
     file: str  # which file, by its path in the run folder where it is inside
-    was: str | None = None  # its hash, or version, as recorded; none where it was not there, or is not recorded
-    now: str | None = None  # as it is; none where it is not there
+    was: str | None = None  # its hash, or version, as recorded; None where it was not there, or is not recorded
+    now: str | None = None  # as it is; None where it is not there
     why: str = ""  # what is wrong, when no two hashes say it
 
     def __str__(self) -> str:
@@ -51,7 +51,7 @@ class JudgedInputs:
     hashes: dict[str, Any]  # ``inputs`` of ``verification.json``
     changes: tuple[Change, ...]  # what is not as it was recorded
     unsealed: tuple[str, ...]  # tracks of the run of which no end is recorded, as of a flight that was killed
-    site: Site | None = None  # the scenario on its ground, whose hashes these are; none where it cannot be made
+    site: Site | None = None  # the scenario on its ground, whose hashes these are; None where it cannot be made
 
 
 def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
@@ -59,7 +59,7 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
 
     Args:
         run: with a scenario.
-        logs: the judged tracks; none before a flight.
+        logs: the judged tracks; empty before a flight.
 
     Raises:
         InputError: a file cannot be read, or is missing.
@@ -166,7 +166,7 @@ def _elevation_sources(scenario: Scenario) -> dict[str, TerrainSource]:
 
 
 def _site(scenario: Scenario) -> Site | None:
-    """The scenario on its ground; none where its elevation data cannot be used."""
+    """The scenario on its ground; None where its elevation data cannot be used."""
     try:
         return load_site(scenario)
     except UavcoverError:
@@ -176,7 +176,7 @@ def _site(scenario: Scenario) -> Site | None:
 def _elevation_sha256(
     scenario: Scenario, site: Site | None, sources: Mapping[str, TerrainSource]
 ) -> dict[str, str | None]:
-    """Hashes of the heights of a site, or of their files; none where a file is missing."""
+    """Hashes of the heights of a site, or of their files; None where a file is missing."""
     if site is not None:
         both = {"terrain": site.bare_ground.sha256, "surface": site.ground.surface_sha256}
         return {what: both[what] for what in sources}
@@ -331,7 +331,7 @@ def judged_logs(run: RunFolder, logs: Sequence[Path]) -> list[Path]:
 
 
 def logs_of_the_verdict(run: RunFolder) -> list[Path]:
-    """The logs that the verdict in a run folder judged; none where it judged the run's own tracks, or without a verdict.
+    """The logs that the verdict in a run folder judged; empty where it judged the run's own tracks, or without a verdict.
 
     A log that lies elsewhere is known by its name and its hash alone: it is looked for beside the run and where the command runs.
 

@@ -35,8 +35,8 @@ _LIST = "provenance"
 class Record:
     """Record of the files of a folder in ``run.json``."""
 
-    # hashes of what was planned from, by name (``scenario``, ``terrain``, ``obstacles``), null where there was none;
-    # none when no plan is recorded
+    # hashes of what was planned from, by name (``scenario``, ``terrain``, ``obstacles``), null where there was none; None when no
+    # plan is recorded
     inputs: Mapping[str, str | None] | None
     # hash of every file that was written since the plan, by its path in the folder; null where it was removed
     files: Mapping[str, str | None]
@@ -45,7 +45,7 @@ class Record:
 
 
 def sha256_of(path: Path) -> str | None:
-    """Hash of a file's bytes; none where there is no such file. Raises InputError: it cannot be read."""
+    """Hash of a file's bytes; None where there is no such file. Raises InputError: it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -61,7 +61,7 @@ def sha256_of_content(content: str | bytes) -> str:
 
 
 def obstacles_sha256(obstacles: Obstacles) -> str | None:
-    """Hash of obstacles as read, independent of their file; none without any."""
+    """Hash of obstacles as read, independent of their file; None without any."""
     if not obstacles.prisms:
         return None
     return sha256_of_content(json.dumps(dataclasses.asdict(obstacles), sort_keys=True))
@@ -90,7 +90,7 @@ def with_entry(document: Mapping[str, Any], did: str, *, command: Sequence[str],
 
 
 def planned_at_s(run: RunFolder) -> float | None:
-    """Time at which a run was planned, seconds since 1970; none where ``run.json`` has none."""
+    """Time at which a run was planned, seconds since 1970; None where ``run.json`` has none."""
     times = [entry.get("at") for entry in _entries(run_document(run)) if entry.get("did") == "plan"]
     try:
         return datetime.fromisoformat(str(times[-1])).timestamp() if times else None
@@ -118,7 +118,7 @@ def run_document(run: RunFolder) -> dict[str, Any]:
 
 
 def read_record(run: RunFolder) -> Record:
-    """The record of a folder's files in ``run.json``; empty where there is none.
+    """The record of a folder's files in ``run.json``; empty without one.
 
     Raises:
         InputError: it is there and cannot be read.
@@ -187,7 +187,7 @@ def seal_flight(
         run: where it was recorded.
         samples: of the track; without any there is nothing to hash.
         command: the command line.
-        outcome: how it ended; none for a flight whose end is not known.
+        outcome: how it ended; None for a flight whose end is not known.
         more: what else belongs to the record of the flight.
 
     Raises:

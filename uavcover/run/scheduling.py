@@ -77,7 +77,7 @@ def workers_of(scheduler: str) -> "AbstractContextManager[Workers]":
 
 
 def local_count(scheduler: str) -> int | None:
-    """Number of worker processes of this machine; none for workers elsewhere, or for unreadable text."""
+    """Number of worker processes of this machine; None for workers elsewhere, or for unreadable text."""
     kind, _, count = scheduler.partition(":")
     if scheduler == "local":
         return os.cpu_count() or 1

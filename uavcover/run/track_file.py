@@ -40,7 +40,7 @@ from uavcover.run.file_group import NO_ROOM
 SAMPLE_BYTES: Final = 2000
 """What a sample takes in track, telemetry log and both recordings together: measured 1.4 kB at 7 samples a second."""
 SAMPLES_PER_S: Final = 10.0
-"""As often as positions are asked for."""
+"""As often as positions are requested."""
 _LONGER, _SPARE_S = 2.0, 900.0
 """A flight may take longer than predicted, and has transit legs."""
 
@@ -110,7 +110,7 @@ class TrackWriter:
         reserve: given free when the disk is full, so that the track goes on.
 
     Raises:
-        OutputError: the file is there already, or cannot be written.
+        OutputError: the file already exists, or cannot be written.
     """
 
     def __init__(self, path: Path, *, overwrite: bool = False, reserve: SpaceReserve | None = None) -> None:
@@ -252,7 +252,7 @@ _NO_PLAIN_NUMBERS: Final = re.compile(rb"[^-+.,0-9eE\n]")
 
 
 def _plain_track(path: Path) -> Track | None:
-    """The track of a table as :class:`TrackWriter` writes it, block by block; none for any other table, and where it is wrong.
+    """The track of a table as :class:`TrackWriter` writes it, block by block; None for any other table, and where it is wrong.
 
     Then :func:`read_track_with_warnings` reads it row by row, and says what is unusual and where.
     """

@@ -58,7 +58,7 @@ def stand_on(
         ground: the ground without obstacles.
         footprints: the footprints of the obstacles.
         largest_clearance_m: largest horizontal clearance that will be requested.
-        foot: what they stand on, where a surface model lies over it; none: the ground.
+        foot: what they stand on, where a surface model lies over it; None: the ground.
 
     Raises:
         TerrainError: the ground under a footprint is unknown.

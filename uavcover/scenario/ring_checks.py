@@ -114,7 +114,7 @@ def across_180(*rings: Ring) -> list[Ring]:
 
 
 def valid_ring(ring: Ring, where: str, found: list[str]) -> Any:
-    """The polygon of a ring; none for an invalid one, which adds a line to ``found``."""
+    """The polygon of a ring; None for an invalid one, which adds a line to ``found``."""
     if len({*ring}) < 3:
         found.append(f"{where}: a ring needs at least 3 different corners, but this one has {len({*ring})}")
         return None
@@ -186,7 +186,7 @@ def area_mistakes(area: Outline, file_key: str | None, *, key: str = "area") -> 
 
     Args:
         area: with its rings.
-        file_key: the key of the file that they came from; none where the scenario has them.
+        file_key: the key of the file that they came from; None where the scenario has them.
         key: its place in the scenario file.
     """
     kind = "lon_lat_deg" if area.is_geographic else "east_north_m"

@@ -227,7 +227,7 @@ def terrain_source(terrain: RasterTerrain) -> TerrainSource:
 
 
 def surface_source(terrain: RasterTerrain) -> TerrainSource | None:
-    """The files of a loaded scenario's surface model; none without one."""
+    """The files of a loaded scenario's surface model; None without one."""
     if terrain.surface_file is None:
         return None
     return TerrainSource(

@@ -37,19 +37,19 @@ class Site:
 
     Attributes:
         scenario: the scenario.
-        frame: the local frame; none for a scenario that is not georeferenced.
+        frame: the local frame; None for a scenario that is not georeferenced.
         ground: the height surface that flights keep their heights above and that hides what lies under it: with a surface model,
             the higher of the two.
         area: the area to cover, holes cut out and grown by its margin, (east, north) metres.
         fence: the geofence, (east, north) metres.
-        home_m: (3,) take-off position on the ground, ENU metres; none without a home.
+        home_m: (3,) take-off position on the ground, ENU metres; None without a home.
         prisms: the obstacles on the ground, by their kernel numbers.
         zones: the no-fly zones that come near and are in force in the flight window, or may be without one.
         other_zones: those that come near and are not in force then.
-        ground_model: the ground under the surface model; none without one.
+        ground_model: the ground under the surface model; None without one.
         whole: the site of which this one's area is a part, where their routes are flown as one; none otherwise.
-        block_cells: cells of a block, where the cells that results are judged on are evaluated in blocks; none: in one piece.
-        targets_m: (n, 2) east and north of single places that are to be seen, in place of the area's cells; none: the cells.
+        block_cells: cells of a block, where the cells that results are judged on are evaluated in blocks; None: in one piece.
+        targets_m: (n, 2) east and north of single places that are to be seen, in place of the area's cells; None: the cells.
     """
 
     scenario: Scenario

@@ -31,7 +31,7 @@ _ROUNDING_M, _SAME_M = 1e-4, 1e-3
 
 
 def with_surface_over(scenario: Scenario, frame: LocalFrame, bounds_m: Bounds, bare: Ground) -> Ground | None:
-    """The ground of a scenario with its surface model over it; none without one.
+    """The ground of a scenario with its surface model over it; None without one.
 
     Args:
         scenario: as loaded.
@@ -174,7 +174,7 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
     """Refuse a surface model that is nowhere near the ground.
 
     Args:
-        ground_amsl_m: (n,) heights of the ground, NaN where there is none.
+        ground_amsl_m: (n,) heights of the ground, NaN without one.
         surface_amsl_m: (n,) heights of the surface at the same places.
         surface: names it in errors.
 

@@ -121,7 +121,7 @@ def on_pads(site: Site) -> Site:
 
 
 def before_pads(site: Site) -> Site | None:
-    """The site whose vehicles :func:`on_pads` placed here; none where they stand elsewhere, or share one home."""
+    """The site whose vehicles :func:`on_pads` placed here; None where they stand elsewhere, or share one home."""
     scenario = site.scenario
     before = dataclasses.replace(site, scenario=dataclasses.replace(scenario, vehicles=()))
     try:
@@ -213,7 +213,7 @@ def vehicle_scenario(site: Site, number: int) -> Scenario:
 
 @once
 def vehicle_sites(site: Site) -> tuple[Site, ...]:
-    """The site of each vehicle, vehicle 1 first; none where all are alike.
+    """The site of each vehicle, vehicle 1 first; empty where all are alike.
 
     Raises:
         ScenarioError, TerrainError: a home is in a no-fly zone, by an obstacle, outside the fence or the elevation data; the
@@ -242,11 +242,11 @@ class OwnParts:
     """The area, shared out as the scenario says."""
 
     of_vehicle: dict[int, Piece]  # the part of each vehicle that has one, by its number from 1; (east, north) metres
-    rest: Piece | None  # what the others see together; none where every vehicle has a part
+    rest: Piece | None  # what the others see together; None where every vehicle has a part
 
 
 def groups_of(scenario: Scenario) -> tuple[tuple[int, ...], ...]:
-    """The vehicles that share a part of the area, by number; none where all share the whole area.
+    """The vehicles that share a part of the area, by number; empty where all share the whole area.
 
     A vehicle with a part sees it alone; of the others, those with equal sensors share one.
     """

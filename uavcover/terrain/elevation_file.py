@@ -46,7 +46,7 @@ class _Raster:
     """An open, checked file.
 
     ``full_turn`` is 360 degrees in the unit of its longitudes, 0 if it has none; ``unit_m`` the unit of its heights in metres,
-    ``band`` their band; ``undulation`` brings heights above the ellipsoid to sea level, none where they are above it.
+    ``band`` their band; ``undulation`` brings heights above the ellipsoid to sea level, None where they are above it.
     """
 
     path: TerrainSource
@@ -114,7 +114,7 @@ class _Raster:
         return np.concatenate(parts)
 
     def with_water(self, heights_m: FloatArray) -> FloatArray:
-        """Heights (rows, columns) with open water where there is no data, if there is any."""
+        """Heights (rows, columns) with open water without data, if there is any."""
         water_m = self.path.water_height_m
         return heights_m if water_m is None else np.where(np.isnan(heights_m), water_m, heights_m)
 
@@ -255,7 +255,7 @@ def read_ground(
     *,
     frame: LocalFrame,  # the local frame
     bounds_m: Bounds,  # west, south, east, north of the ground; beyond the file there is no data
-    grid_step_m: float | None,  # spacing of a square grid; none: the file's own pixels
+    grid_step_m: float | None,  # spacing of a square grid; None: the file's own pixels
 ) -> Ground:
     """Read elevation data as a ground in the local frame.
 

@@ -243,7 +243,7 @@ def nodes_between(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> tuple[
 
 
 def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> FloatArray:
-    """(k, 3) ENU positions of the nodes between west, south, east, north; NaN ups where there is no data."""
+    """(k, 3) ENU positions of the nodes between west, south, east, north; NaN ups without data."""
     west, south, east, north = bounds_m
     columns, rows = (np.arange(*ends) for ends in nodes_between(grid, up_m, bounds_m))
     wanted = np.array([axis.ravel() for axis in np.meshgrid(columns, rows)], dtype=float).T.reshape(-1, 2)
@@ -343,7 +343,7 @@ def unit_of_heights_m(path: object, crs: CRS, vertical_datum: str, unit: str | N
         path: names the file in errors.
         crs: of the file.
         vertical_datum: that of the scenario.
-        unit: of the heights, as the file or the scenario has it; none: that of the system, or metres.
+        unit: of the heights, as the file or the scenario has it; None: that of the system, or metres.
 
     Raises:
         TerrainError: the file names another datum or unit, or a unit that is not known.

@@ -62,16 +62,16 @@ class Ground:
         return dataclasses.replace(self, surface=self.surface._replace(up_m=up), left_out=tuple(parts))
 
     def heights_m(self, east_north_m: ArrayLike) -> FloatArray:
-        """Up coordinates (n,) of the ground at (n, 2) positions, metres; NaN where there is no data."""
+        """Up coordinates (n,) of the ground at (n, 2) positions, metres; NaN without data."""
         en = np.atleast_2d(np.asarray(east_north_m, float))
         return kernels.heights(self.surface, read_only(en[:, 0]), read_only(en[:, 1]))
 
     def heights_agl_m(self, places_m: ArrayLike) -> FloatArray:
-        """Heights above ground (n,) of (n, 3) ENU positions, along their plumb lines, metres; NaN where there is no data."""
+        """Heights above ground (n,) of (n, 3) ENU positions, along their plumb lines, metres; NaN without data."""
         return kernels.heights_above(self.surface, read_only(np.atleast_2d(np.asarray(places_m, float))))
 
     def ups_m(self, east_north_m: ArrayLike, height_agl_m: ArrayLike) -> FloatArray:
-        """Up coordinates (n,) for (n, 2) positions and heights above ground (n,), metres; NaN where there is no data.
+        """Up coordinates (n,) for (n, 2) positions and heights above ground (n,), metres; NaN without data.
 
         The inverse of :meth:`heights_agl_m`. Heights are along the plumb line, so this differs from ground plus height
         by centimetres some kilometres from the origin.
@@ -196,8 +196,8 @@ class ReliefGrid:
 
     east_m: FloatArray  # (rows, columns)
     north_m: FloatArray  # (rows, columns)
-    up_m: FloatArray  # (rows, columns) heights, NaN where there is no data
-    rgb: NDArray[np.uint8]  # (rows, columns, 3) uint8, black where there is no data
+    up_m: FloatArray  # (rows, columns) heights, NaN without data
+    rgb: NDArray[np.uint8]  # (rows, columns, 3) uint8, black without data
 
 
 def relief_grid(ground: Ground, bounds_m: tuple[float, float, float, float], *, nodes: int) -> ReliefGrid:
@@ -249,7 +249,7 @@ def fill_gaps(heights_m: FloatArray, *, pixel_m: tuple[float, float], up_to_m: f
     """Fill the gaps that are no longer than a length along rows and columns, linearly between the heights around each.
 
     Args:
-        heights_m: (rows, columns) heights, NaN where there is no data; not changed.
+        heights_m: (rows, columns) heights, NaN without data; not changed.
         pixel_m: height and width of a pixel.
         up_to_m: longest side of a gap that is filled.
     """

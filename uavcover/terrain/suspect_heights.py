@@ -97,8 +97,8 @@ def suspect_pixels(heights_m: FloatArray, pixel_m: Size) -> list[SuspectPixels]:
     """Find the pixels of a raster that do not look like ground.
 
     Args:
-        heights_m: (rows, columns) heights as the file has them, NaN where there is no data: a correction that varies from place
-            to place, such as the geoid's, would hide that a block has one value.
+        heights_m: (rows, columns) heights as the file has them, NaN without data: a correction that varies from place to place,
+            such as the geoid's, would hide that a block has one value.
         pixel_m: height and width of a pixel.
     """
     if min(heights_m.shape) < 2 * (SUSPECTS.rim_pixels + 1):
@@ -328,7 +328,7 @@ def suspect_places(
         source: the elevation data.
         vertical_datum: of its heights.
         around_deg: west, south, east, north of what matters; the data is looked at somewhat beyond.
-        near: in longitude and latitude: places that it does not touch are left out; none: those outside ``around_deg``.
+        near: in longitude and latitude: places that it does not touch are left out; None: those outside ``around_deg``.
 
     Raises:
         TerrainError: the data cannot be used.
@@ -351,9 +351,8 @@ def _pixels_around(
 ) -> Iterator[tuple[FloatArray, Size, LonLat]]:
     """The pixels around west, south, east, north in degrees, in strips where they are many, with ``margin`` pixels around.
 
-    Yields:
-        (rows, columns) heights as the file has them, in metres above its own datum, NaN where there is no data; the size of
-        a pixel; and its longitudes, continuous, and latitudes (n, 2) by columns and rows (n, 2), integers at pixel centres.
+    Yields: (rows, columns) heights as the file has them, in metres above its own datum, NaN without data; the size of a pixel;
+        and its longitudes, continuous, and latitudes (n, 2) by columns and rows (n, 2), integers at pixel centres.
     """
     west, south, east, north = around_deg
     rim = np.linspace(0.0, 1.0, 9)

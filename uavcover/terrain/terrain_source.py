@@ -138,11 +138,11 @@ class TerrainSource:
 
     files: tuple[Path, ...]  # the files
     crs: str | None = None  # coordinate system, where the files do not name theirs
-    band: int | str | None = None  # number or name of the band with the heights; none: the first
+    band: int | str | None = None  # number or name of the band with the heights; None: the first
     height_unit: str | None = None  # unit of the heights, where the files do not say
     fill_no_data_m: float = 0.0  # gaps without data up to this long are closed by interpolation
-    # height above sea level of open water, which is wherever there is no data, also around the files; none: such places
-    # have no height
+    # height above sea level of open water, which is wherever there is no data, also around the files; None: such places have no
+    # height
     water_height_m: float | None = None
     key: str = "terrain.file"  # of the scenario, or the option, for errors
 

@@ -80,7 +80,7 @@ def lean_problem(
         time_s: (n,) vehicle time.
         enu_m: (n, 3) positions.
         joined: (n - 1,) legs that were observed.
-        attitude_deg: (n, 3) roll, pitch and yaw, NaN where they are not known.
+        attitude_deg: (n, 3) roll, pitch and yaw, NaN if unknown.
     """
     unexplained = _unexplained(time_s, enu_m, joined, attitude_deg)
     unconfirmed = _unconfirmed(time_s, enu_m, joined, attitude_deg)
@@ -154,7 +154,7 @@ def _unexplained(
 def _unconfirmed(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
 ) -> LeanProblem | None:
-    """The problem of an attitude that does not explain the accelerations; none when it does."""
+    """The problem of an attitude that does not explain the accelerations; None when it does."""
     fits = lean_fits(time_s, enu_m, joined, attitude_deg)
     everywhere = np.ones(len(time_s), dtype=bool)
     if 0.0 not in fits.late:

@@ -239,7 +239,7 @@ class JudgedPictures:
     """Result of judging a flight's photos."""
 
     evidence: PictureEvidence = NOTHING_KNOWN  # what that means for the flight
-    document: Mapping[str, Any] | None = None  # the verdict on them alone; none where there are no photos
+    document: Mapping[str, Any] | None = None  # the verdict on them alone; None where there are no photos
 
 
 _NO_PICTURES = JudgedPictures()

@@ -56,7 +56,7 @@ class Decision:
 
     judgement: Judgement  # passed, failed or not proved, and why
     unobserved: tuple[Unobserved, ...]  # unobserved stretches of all tracks
-    unobserved_route_fraction: float | None  # fraction of the time on the route; none without a route
+    unobserved_route_fraction: float | None  # fraction of the time on the route; None without a route
 
 
 def judged_requirements(scenario: Scenario) -> Mapping[str, Any]:
@@ -70,7 +70,7 @@ def decide(
     coverage: CoverageMap,  # the cells
     flown: FlownCoverage,  # their coverage
     judged: Sequence[JudgedTrack],  # each track judged by itself
-    pictures: PictureCounts | None,  # how many show each cell; none for a sensor that takes none
+    pictures: PictureCounts | None,  # how many show each cell; None for a sensor that takes none
     *,
     unknown_attitude_looks: int,  # number of observations without a known direction
     # from real photos; where these decide the coverage, unobserved parts of the flight cannot add to it

@@ -272,14 +272,14 @@ class GivenEvidence:
 
     logs: tuple[Path, ...]  # flown tracks
     photos: tuple[Path, ...]  # photos, folders and lists of them
-    system: int | None = None  # the vehicle of telemetry logs that have several; none: the only one
+    system: int | None = None  # the vehicle of telemetry logs that have several; None: the only one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureEvidence:
     """Evidence from a flight's photos beside its track."""
 
-    # coverage by cell, on the cells that results are judged on; none where the track alone tells it
+    # coverage by cell, on the cells that results are judged on; None where the track alone tells it
     shown: FlownCoverage | None = None
     counts: PictureCounts | None = None  # number of photos that show each cell; none as for ``shown``
     # why they do not show enough, or nothing proves that they do, and what else is to be said of them

@@ -29,7 +29,7 @@ class Band:
 
     name: str  # description of the band
     unit: str  # of its values, or what they stand for
-    values: FloatArray  # (rows, columns), rows going north, NaN where there is none
+    values: FloatArray  # (rows, columns), rows going north, NaN without one
 
 
 def cells_geotiff(coverage: CoverageMap, frame: LocalFrame, layers: Sequence[tuple[str, str, NDArray[Any]]]) -> bytes:

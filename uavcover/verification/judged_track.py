@@ -57,11 +57,11 @@ class JudgedTrack:
     enu_m: FloatArray  # (n, 3) their positions
     joined: BoolArray  # (n - 1,) legs that were observed
     planned: PlannedRoute | None  # its plan, if any
-    passed: Passing | None  # where it passed the planned waypoints, none without a plan
+    passed: Passing | None  # where it passed the planned waypoints, None without a plan
     phases: Phases  # phase of each sample
     heights: Heights  # heights above ground
     speeds_m_s: FloatArray  # (n,) ground speed
-    deviations_m: FloatArray | None  # (n,) distance from the planned route, none without a plan
+    deviations_m: FloatArray | None  # (n,) distance from the planned route, None without a plan
     violations: tuple[Violation, ...]  # limits that it broke
     begin: TrackEnd  # its first sample
     end: TrackEnd  # its last sample
@@ -69,7 +69,7 @@ class JudgedTrack:
     # why it cannot pass, or proves nothing, independent of the coverage, and other irregularities
     findings: tuple[Finding, ...]
     attitude_problems: tuple[str, ...]  # problems of its attitudes
-    photos: TrackPhotos | None  # where photos were taken; none for a sensor that looks along the path
+    photos: TrackPhotos | None  # where photos were taken; None for a sensor that looks along the path
 
     def observations(self, site: Site) -> Observations:
         """The observations of its sensor."""
@@ -85,7 +85,7 @@ def judge_track(
         site: the scenario on its ground.
         track: what was flown.
         planned: its plan, if any.
-        photo_source: which photos count; none: those that the vehicle reported, where it reported any.
+        photo_source: which photos count; None: those that the vehicle reported, where it reported any.
 
     Raises:
         TrackError: it is empty, or has a position that is not on Earth; the sensor looks from waypoints only, and there is no
@@ -335,6 +335,6 @@ def _phases(site: Site, enu_m: FloatArray, route: BoolArray, planned: PlannedRou
 
 
 def largest(values: FloatArray | None) -> float | None:
-    """The largest number, ignoring NaN; none when there is none."""
+    """The largest number, ignoring NaN; None without one."""
     known = np.empty(0) if values is None else values[np.isfinite(values)]
     return float(known.max()) if known.size else None

@@ -180,7 +180,7 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
         time_s: (n,) vehicle time.
         enu_m: (n, 3) positions.
         joined: (n - 1,) legs that were observed.
-        attitude_deg: (n, 3) roll, pitch and yaw, NaN where they are not known.
+        attitude_deg: (n, 3) roll, pitch and yaw, NaN if unknown.
     """
     windows = Windows.of(time_s, enu_m, window_s=LEAN.window_s, joined=joined, step_s=FITTED_STEP_S)
     some = np.diff(np.floor(time_s[windows.middle] / LEAN.step_s), prepend=-np.inf) > 0.0

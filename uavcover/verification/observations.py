@@ -75,7 +75,7 @@ def photos_of(
     *,
     source: PhotoSource,
 ) -> TrackPhotos | None:
-    """The photos of a track; none for a sensor that looks along the path.
+    """The photos of a track; None for a sensor that looks along the path.
 
     Predicted by distance: one at the start of each observed run of the route, and one whenever the vehicle is the trigger
     distance from the last one. Reported: one at each rise of the vehicle's count; those whose message was lost at the trigger
@@ -308,7 +308,7 @@ def observations_of(
         enu_m: (n, 3) its positions.
         route: (n,) which samples belong to the planned route.
         joined: (n - 1,) legs that were observed.
-        photos: where they were taken; none for a sensor that looks along the path.
+        photos: where they were taken; None for a sensor that looks along the path.
     """
     sensor = site.scenario.sensor
     # np.unwrap propagates a missing yaw to the end; later samples know theirs.
@@ -412,7 +412,7 @@ def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observa
 
 
 def _turns_deg(track: Track) -> FloatArray:
-    """(n - 1,) degrees of yaw from sample to sample, the short way; 0 where it is not known."""
+    """(n - 1,) degrees of yaw from sample to sample, the short way; 0 if unknown."""
     return np.nan_to_num(np.abs((np.diff(track.attitude_deg[:, 2]) + 180.0) % 360.0 - 180.0))
 
 

@@ -59,7 +59,7 @@ class Firmware:
 
     @property
     def released_s(self) -> float | None:
-        """Release date of the firmware in seconds since 1970: no earlier flight is possible. None where it is not known."""
+        """Release date of the firmware in seconds since 1970: no earlier flight is possible. None if unknown."""
         minor = self.minor if self.official else self.minor - CLOCK.unreleased_versions
         released = read_document("uavcover/data/firmware_releases.toml")[self.autopilot].get(f"{self.major}.{minor}")
         return None if released is None else datetime.combine(released, time(), UTC).timestamp()
@@ -94,7 +94,7 @@ BEFORE_PLAN_S, AFTER_FILE_S = 600.0, 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class DateBounds:
-    """Between what a track's date lies, seconds since 1970; none where it is not known."""
+    """Between what a track's date lies, seconds since 1970; None if unknown."""
 
     planned_s: float | None = None  # when its plan was made
     written_s: float | None = None  # when its file was written
@@ -178,7 +178,7 @@ class SharedTimes:
 
 
 def shared_times(track: Track) -> SharedTimes | None:
-    """The samples of a track on the shared clock; none where times of arrival are missing, or go back."""
+    """The samples of a track on the shared clock; None where times of arrival are missing, or go back."""
     received, own = track.received_utc_s, track.time_s
     if len(track) < 2 or not np.isfinite(received).all() or (np.diff(received) < 0.0).any():
         return None
@@ -201,7 +201,7 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
     Args:
         path: the file.
         site: in whose frame.
-        system: the vehicle of a telemetry log that has several; none: the only one.
+        system: the vehicle of a telemetry log that has several; None: the only one.
 
     Raises:
         InputError: no such file, an ending that is not known, a file without a track; or a log of another program for a
@@ -254,7 +254,7 @@ def read_planned_route(run: RunFolder) -> PlannedRoute | None:
 def planned_for(log: Path, run: RunFolder, track: Track | None = None) -> PlannedRoute | None:
     """Find the plan that a log followed: the one beside it, as in the folder of a gap mission or a sortie.
 
-    A log from elsewhere is judged by the plan of which its ``track`` reached the largest share of the waypoints: the run's, or
+    A log from elsewhere is judged by the plan of which its ``track`` reached the largest fraction of the waypoints: the run's, or
     that of a sortie, of a flight that resumed it, or of its gap mission.
 
     Raises:

@@ -58,9 +58,9 @@ def commanded_pace_doubt(
     enu_m: FloatArray,  # (n, 3) their positions
     joined: BoolArray,  # (n - 1,) whether nothing is missing between a sample and the next
     vehicle: Vehicle,  # whose speeds are commanded
-    planned: PlannedRoute | None,  # the planned route; none: no speed is expected of it
+    planned: PlannedRoute | None,  # the planned route; None: no speed is expected of it
     *,
-    # (k,) the planned waypoints that the vehicle passed: a leg between others was not flown; none: all were
+    # (k,) the planned waypoints that the vehicle passed: a leg between others was not flown; None: all were
     passed: BoolArray | None = None,
 ) -> str | None:
     """Reason why the pace of a track cannot be that of its mission; None when it can.

@@ -60,7 +60,7 @@ class FlownTrack:
 
     track: Track  # the flown track
     planned: PlannedRoute | None = None  # its plan, if any
-    # of its vehicle, where the vehicles differ: the same ground, another home; none: that of all
+    # of its vehicle, where the vehicles differ: the same ground, another home; None: that of all
     site: Site | None = None
     dates: DateBounds = UNKNOWN_DATES  # between what its date lies
 
@@ -74,7 +74,7 @@ class Verdict:
         report: decision and figures.
         flown: coverage by cell.
         gaps: the coverage gaps and their cells.
-        pictures: how many photos show each cell; none for a sensor that takes no single photos.
+        pictures: how many photos show each cell; None for a sensor that takes no single photos.
         observations: all observations of the flight, in order of time, each once.
         shifts_s: seconds added to the vehicle times of each track to put all on one clock, which ``flown`` and the report's
             ``coverage_by_time`` use.

@@ -31,8 +31,8 @@ _EVERY_DAY = "ANY"
 class Applicability:
     """Times in which a zone is in force, by the keys of a scenario."""
 
-    from_utc: str | None = None  # its begin, none where it is open
-    until_utc: str | None = None  # its end, none where it is open
+    from_utc: str | None = None  # its begin, None where it is open
+    until_utc: str | None = None  # its end, None where it is open
     active: tuple[str, ...] = ()  # its periods; empty: all the time between these two
     whole_days: bool = False  # whether a schedule could not be read, and counts all day
 
@@ -67,7 +67,7 @@ def _interval(table: dict[str, Any]) -> str:
 
 
 def _schedule(table: dict[str, Any]) -> list[str] | None:
-    """Days and hours of a period, one text each; none where they cannot be read."""
+    """Days and hours of a period, one text each; None where they cannot be read."""
     value = table.get("schedule")
     entries = value if isinstance(value, list) else [value] if value else []
     found = [_daily(entry) for entry in entries]
@@ -77,7 +77,7 @@ def _schedule(table: dict[str, Any]) -> list[str] | None:
 
 
 def _daily(entry: Any) -> str | None:
-    """Days and hours of one entry; none where they cannot be read."""
+    """Days and hours of one entry; None where they cannot be read."""
     if not isinstance(entry, dict) or entry.get("startEvent") or entry.get("endEvent"):
         return None
     days = entry.get("day") or [_EVERY_DAY]
@@ -210,7 +210,7 @@ def _name(about: Node) -> str:
 
 
 def _text(node: Node, key: str) -> str:
-    """A text, or of a list of texts by language the first; empty where there is none."""
+    """A text, or of a list of texts by language the first; empty without one."""
     value = node.value.get(key) if isinstance(node.value, dict) else None
     if isinstance(value, list) and value:
         value = value[0].get("text") if isinstance(value[0], dict) else value[0]

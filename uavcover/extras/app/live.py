@@ -31,7 +31,7 @@ class Observed:
 
     Attributes:
         scene: the plan.
-        covered: share of the coverable ground that was seen so far.
+        covered: fraction of the coverable ground that was seen so far.
         version: number of changes.
     """
 

@@ -55,7 +55,7 @@ class Scene:
 
     site: Site  # the scenario on its ground
     path: Path  # the scenario file, or the run folder
-    content: ReportContent | None = None  # of a run folder with a plan; none for a scenario
+    content: ReportContent | None = None  # of a run folder with a plan; None for a scenario
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _coverage: CoverageMap | None = None
 
@@ -69,7 +69,7 @@ class Scene:
 
     @property
     def terrain(self) -> TerrainSource | None:
-        """Its elevation file; none where the ground is made from a formula."""
+        """Its elevation file; None where the ground is made from a formula."""
         terrain = self.site.scenario.terrain
         return terrain_source(terrain) if isinstance(terrain, RasterTerrain) and self.site.frame is not None else None
 

@@ -56,7 +56,7 @@ class Reading:
 
     name: str  # short
     scenario: str  # the bundled scenario that it is a variant of
-    line_of_sight: LineOfSight | None  # how a cell is hidden by ground; none where nothing hides it
+    line_of_sight: LineOfSight | None  # how a cell is hidden by ground; None where nothing hides it
     meaning: str  # in words
 
     def site(self) -> Site:

@@ -85,10 +85,10 @@ def completed_by(
     """Each task with its result: by processes of this benchmark, or by the workers of a scheduler.
 
     Args:
-        scheduler: see :func:`uavcover.run.scheduling.workers_of`; none: processes.
+        scheduler: see :func:`uavcover.run.scheduling.workers_of`; None: processes.
         function: as :func:`completed` takes it; its result depends on its task alone.
         tasks: as :func:`completed` takes them.
-        processes: how many at a time; none: one for each core.
+        processes: how many at a time; None: one for each core.
 
     Raises:
         InputError: both were given, or the scheduler cannot be used.

@@ -33,13 +33,13 @@ def least_length_m(site: Site, rule: str) -> float | None:
 
 
 def proved(site: Site, result: Plan, *, time_s: float | None) -> dict[str, Any]:
-    """Proved limits with what a plan has, by question: as ``bounds`` of ``plan.json`` has them; none for a view of its own.
+    """Proved limits with what a plan has, by question: as ``bounds`` of ``plan.json`` has them; empty for a view of its own.
 
     Args:
         site: the scenario on its ground.
         result: the plan.
         time_s: for prices on the ground, or for branch and bound, half of it for each question; 0: proofs that take no solver
-            alone; none: linear relaxations too, where they are quick.
+            alone; None: linear relaxations too, where they are quick.
     """
     coverage = fleet_map(site)
     if site.scenario.sensor.has_own_view:

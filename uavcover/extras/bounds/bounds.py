@@ -59,13 +59,13 @@ _TILES = (16, 4, 1, 0)
 class PricedGround:
     """Prices that no path gains faster than it flies."""
 
-    prices_m: FloatArray  # (cells,) of what can be covered, metres, at least 0
+    prices_m: FloatArray  # (cells,) of the visible ground, metres, at least 0
     dearest_m: FloatArray  # (cells,) the price if all of a cell cost as much as its most expensive point
     weight_m2: FloatArray  # (cells,) ground in each of them
     first_look_m: float  # what is seen at any one place is worth at most this
 
     def least_length_m(self, share: float) -> float:
-        """Lower bound in metres on paths that cover a share of the ground: the view is worth its length and one look.
+        """Lower bound in metres on paths that cover a fraction of the ground: the view is worth its length and one look.
 
         What may stay unseen is what saves most for its weight, part of a cell included.
         """
@@ -94,11 +94,11 @@ def _bins(reach: float, side: float) -> int:
 
 
 def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGround | None:
-    """Prices for paths that cover a share of the visible ground of the cells; None without visible ground.
+    """Prices for paths that cover a fraction of the visible ground of the cells; None without visible ground.
 
     Args:
         coverage: on the cells by which routes are judged.
-        share: of what can be covered, 0..1.
+        share: of the visible ground, 0..1.
         parts: squares of the lattice of places along the side of a cell.
     """
     weight_m2 = coverable_weight_m2(coverage)
@@ -143,7 +143,7 @@ def coverable_weight_m2(coverage: CoverageMap) -> FloatArray:
 def _rates(
     relief: Relief, program: PriceProgram, stride: int, offset: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
-    """(rows, columns) bounds of rates, 0 where none is examined. Also the largest to which each cell adds, 0 where to none."""
+    """(rows, columns) bounds of rates, 0 if none is examined. Also the largest to which each cell adds, 0 where to none."""
     bins = _bins(relief.reach, relief.side)
     rows, columns = relief.allowed.shape
     rates, largest = np.zeros((rows, columns)), np.zeros((rows // program.parts, columns // program.parts))
@@ -224,11 +224,11 @@ _MOST_SQUARES_ACROSS = 4_000
 
 
 def least_path_length_m(coverage: CoverageMap, share: float) -> float:
-    """Lower bound in metres on paths that cover a share of the visible ground; 0 without a proof.
+    """Lower bound in metres on paths that cover a fraction of the visible ground; 0 without a proof.
 
     Args:
         coverage: on the cells by which routes are judged.
-        share: of what can be covered, 0..1.
+        share: of the visible ground, 0..1.
     """
     grid, coverable = coverage.grid, coverage.coverable
     side = grid.size_m
@@ -365,7 +365,7 @@ def _best_proof(
 
 
 def _asked(plan: Plan) -> float:
-    """The share of what can be covered that the rule asks for; all where it asks for none."""
+    """The share of the visible ground that the rule asks for; all where it asks for none."""
     asked = parse_rule(plan.rule).required_coverage
     return 1.0 if asked is None else asked
 

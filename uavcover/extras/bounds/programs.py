@@ -132,7 +132,7 @@ class PriceProgram:
         return found
 
     def by_squares(self, values: FloatArray) -> FloatArray:
-        """(rows, columns) of the relief's squares: what their cells (cells,) have; 0 where there is none."""
+        """(rows, columns) of the relief's squares: what their cells (cells,) have; 0 without one."""
         field = np.zeros(tuple(count // self.parts for count in self._relief.allowed.shape))
         field[self._row + self._margin, self._column + self._margin] = values
         return field.repeat(self.parts, axis=0).repeat(self.parts, axis=1)
@@ -365,11 +365,11 @@ class CoverProgram:
 
     @property
     def reachable(self) -> float:
-        """Share of what can be covered that the places see together, 0..1."""
+        """Share of the visible ground that the places see together, 0..1."""
         return self._reduced.reachable
 
     def fewest_places(self, coverage: float, effort: SolverEffort) -> CoverSolution:
-        """The fewest points that observe a share of the coverable area; with all of ``reachable`` this is set cover.
+        """The fewest points that observe a fraction of the coverable area; with all of ``reachable`` this is set cover.
 
         Args:
             coverage: 0..reachable.
@@ -385,7 +385,7 @@ class CoverProgram:
         return self._counted(self._solve(np.append(np.ones(c), np.zeros(rows)), matrix, lower, c, effort))
 
     def most_coverage(self, count: int, effort: SolverEffort) -> CoverSolution:
-        """At most ``count`` places with the largest share of the coverable area; the bound is that share."""
+        """At most ``count`` places with the largest fraction of the coverable area; the bound is that share."""
         rows, c = self._matrix.shape
         matrix = self._with_seen(np.append(-np.ones(c), np.zeros(rows)))
         lower = np.append(np.zeros(rows), -float(count))

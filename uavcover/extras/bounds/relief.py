@@ -266,7 +266,7 @@ def farthest_looks(
 
 @allocating_kernel
 def _highest_of_blocks(tops: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Highest of (rows, columns) numbers in blocks of _SQUARES_OF_BLOCK rows and columns; NaN where there is none."""
+    """Highest of (rows, columns) numbers in blocks of _SQUARES_OF_BLOCK rows and columns; NaN without one."""
     rows, columns = tops.shape
     out = np.full((math.ceil(rows / _SQUARES_OF_BLOCK), math.ceil(columns / _SQUARES_OF_BLOCK)), math.nan)
     for i in range(rows):

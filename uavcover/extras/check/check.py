@@ -60,9 +60,9 @@ class CheckRequest:
     mission: Mission  # as its file has it
     aircraft: Aircraft  # who flies it
     limits: Limits  # what it has to keep
-    fence: FenceSource | None = None  # the fence, none for none
-    home: tuple[float, float] | None = None  # latitude and longitude of the take-off position; none: the mission's
-    pilot: tuple[float, float] | None = None  # latitude and longitude of the pilot; none: at home
+    fence: FenceSource | None = None  # the fence, if any
+    home: tuple[float, float] | None = None  # latitude and longitude of the take-off position; None: the mission's
+    pilot: tuple[float, float] | None = None  # latitude and longitude of the pilot; None: at home
     obstacles: tuple[Obstacle, ...] = ()  # in longitude and latitude
     # what is known of the autopilot's own returns
     own_return: OwnReturn = field(default_factory=lambda: OwnReturn(parameters={}))
@@ -73,10 +73,10 @@ class Checked:
     """The outcome."""
 
     findings: tuple[CheckFinding, ...]  # everything found; what breaks first
-    path: FlownPath | None  # as it would be flown; none where home is unknown
-    world: World | None  # its surroundings; none where home is unknown
+    path: FlownPath | None  # as it would be flown; None where home is unknown
+    world: World | None  # its surroundings; None where home is unknown
     time_s: float  # of the whole flight; infinite where the wind stops it
-    around: Surroundings | None = None  # fence, zones and obstacles; none where home is unknown
+    around: Surroundings | None = None  # fence, zones and obstacles; None where home is unknown
 
     @property
     def judgement(self) -> Judgement:
@@ -98,7 +98,7 @@ def check_mission(
     heights: Heights,  # of the ground at single places
     read_ground: GroundReader,  # the ground around the mission
     read_zones: ZoneReader,  # the no-fly zones around it
-    read_surface: SurfaceReader | None = None,  # a surface model over that ground; none without one
+    read_surface: SurfaceReader | None = None,  # a surface model over that ground; None without one
     *,
     # why a height of the ground is not believed, and missing in ``heights`` and ``read_ground`` therefore
     doubt: Doubt = believed,

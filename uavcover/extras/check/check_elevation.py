@@ -99,13 +99,13 @@ class CheckElevation:
 
     ground: TerrainSource  # the ground's files
     datum: str  # of their heights
-    over: TerrainSource | None = None  # files of a surface model; none without one
+    over: TerrainSource | None = None  # files of a surface model; None without one
     over_datum: str = ""  # of its heights
     # places of the ground's files that do not look like ground: their heights count as unknown
     suspects: tuple[SuspectPlace, ...] = ()
 
     def heights_amsl_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
-        """Heights (n,) of the ground above sea level at (n,) places, NaN where it is not known."""
+        """Heights (n,) of the ground above sea level at (n,) places, NaN if unknown."""
         heights = read_heights_amsl_m(self.ground, self.datum, lat_deg, lon_deg)
         return np.where(_is_suspect(self.suspects, lat_deg, lon_deg), np.nan, heights)
 

@@ -48,7 +48,7 @@ def worst_verdict(outcomes: Sequence[CheckOutcome]) -> VerdictName:
 
 
 def figures_of(checked: Checked) -> dict[str, float | None]:
-    """Duration, distance and heights; None where they are not known."""
+    """Duration, distance and heights; None if unknown."""
     path, world = checked.path, checked.world
     known: dict[str, float | None] = dict.fromkeys(
         ("length_m", "time_s", "min_height_agl_m", "max_height_agl_m", "max_above_home_m", "max_distance_m")
@@ -103,7 +103,7 @@ def write_map(outcome: CheckOutcome, path: Path, *, force: bool) -> None:
     """Write the path as lines and the findings as points, for any map program.
 
     Raises:
-        OutputError: the file is there already, or cannot be written, or is not named .geojson.
+        OutputError: the file already exists, or cannot be written, or is not named .geojson.
     """
     refuse_map(path, force=force)
     checked = outcome.checked

@@ -22,11 +22,11 @@ class CheckFinding:
     weight: Weight  # how much it weighs
     what: str  # what is wrong, for people
     do: str  # what to do about it
-    # numbers of the first and the last item concerned, home being 0; none: the whole mission
+    # numbers of the first and the last item concerned, home being 0; None: the whole mission
     items: tuple[int, int] | None = None
-    lat_deg: float | None = None  # where it is worst; none without a place
-    lon_deg: float | None = None  # where it is worst; none without a position
-    alt_amsl_m: float | None = None  # where it is worst; none without a position
+    lat_deg: float | None = None  # where it is worst; None without a place
+    lon_deg: float | None = None  # where it is worst; None without a position
+    alt_amsl_m: float | None = None  # where it is worst; None without a position
     by: float = 0.0  # by how much, in the unit of ``unit``; 0 where there is no measure
     unit: str = ""  # "m", "s", or empty
 

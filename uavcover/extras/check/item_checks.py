@@ -31,7 +31,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.vehicle import AutopilotName
 
 Heights = Callable[[FloatArray, FloatArray], FloatArray]
-"""Heights of the ground above sea level at latitudes and longitudes, NaN where there is none."""
+"""Heights of the ground above sea level at latitudes and longitudes, NaN without one."""
 Doubt = Callable[[float, float], str]
 """Reason to distrust the height at a latitude and longitude; empty if there is none."""
 
@@ -46,7 +46,7 @@ OTHER_DATA = (
 class MissionPlaces:
     """Positions of a mission."""
 
-    home: GeoPoint | None  # on the ground; none where that is not known, and nothing can be judged
+    home: GeoPoint | None  # on the ground; None if unknown, and nothing can be judged
     skipped: frozenset[int]  # numbers of items whose place cannot be meant
     findings: tuple[CheckFinding, ...]  # what is wrong with places
 
@@ -61,7 +61,7 @@ def places_of(
     heights: Heights,  # of the ground
     autopilot: AutopilotName,  # PX4 flies to 0, 0; ArduPilot stays where it is
     *,
-    # latitude and longitude of the take-off position; none: the mission's, or its first place
+    # latitude and longitude of the take-off position; None: the mission's, or its first place
     home: tuple[float, float] | None = None,
     doubt: Doubt = believed,  # why heights are missing that the elevation data has
 ) -> MissionPlaces:
@@ -233,7 +233,7 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
     Args:
         mission: whose items.
         aircraft: whose autopilot carries them out.
-        home: the take-off position; none where it is not known.
+        home: the take-off position; None if unknown.
     """
     land_starts = 0
     found = []

@@ -61,25 +61,25 @@ class CheckQuery:
     file: Path  # the mission
     elevation: ElevationData  # the elevation data of the ground
     surface: tuple[str, ...] = ()  # files of a surface model, with trees and roofs, that flights keep clear of too
-    fence: Path | None = None  # file of a fence, or of an area to stay inside; none: the mission file's own
-    rally: Path | None = None  # file of rally points; none: the mission file's own
-    parameters: Path | None = None  # file of the vehicle's parameters; none: the autopilot's defaults
+    fence: Path | None = None  # file of a fence, or of an area to stay inside; None: the mission file's own
+    rally: Path | None = None  # file of rally points; None: the mission file's own
+    parameters: Path | None = None  # file of the vehicle's parameters; None: the autopilot's defaults
     no_fly: tuple[str, ...] = ()  # files of no-fly zones
-    flight_window_utc: tuple[str, str] | None = None  # when it is flown; none: at any time
-    vehicle: str | None = None  # a vehicle by name; none: the autopilot's defaults
-    autopilot: str | None = None  # "ardupilot" or "px4"; none: the file's, or ArduPilot
-    kind: str | None = None  # how the aircraft moves; none: the file's, or what its commands suggest
-    home: tuple[float, float] | None = None  # take-off position; none: the file's
-    pilot: tuple[float, float] | None = None  # where the pilot stands; none: at home
-    return_height_m: float | None = None  # the autopilot's return altitude above home; none: its default
-    speed_m_s: float | None = None  # none: the vehicle's
-    bank_deg: float | None = None  # of wings in turns; none: the autopilot's default
-    endurance_s: float | None = None  # none: the vehicle's
+    flight_window_utc: tuple[str, str] | None = None  # when it is flown; None: at any time
+    vehicle: str | None = None  # a vehicle by name; None: the autopilot's defaults
+    autopilot: str | None = None  # "ardupilot" or "px4"; None: the file's, or ArduPilot
+    kind: str | None = None  # how the aircraft moves; None: the file's, or what its commands suggest
+    home: tuple[float, float] | None = None  # take-off position; None: the file's
+    pilot: tuple[float, float] | None = None  # where the pilot stands; None: at home
+    return_height_m: float | None = None  # the autopilot's return altitude above home; None: its default
+    speed_m_s: float | None = None  # None: the vehicle's
+    bank_deg: float | None = None  # of wings in turns; None: the autopilot's default
+    endurance_s: float | None = None  # None: the vehicle's
     reserve_fraction: float = 0.2  # of the endurance
     limits: Limits = field(default_factory=Limits)  # of heights, distance and wind
-    view: ViewQuery | None = None  # the required coverage; none: not checked
+    view: ViewQuery | None = None  # the required coverage; None: not checked
     obstacles: Path | None = None  # file of obstacles with heights
-    most_items: int | None = None  # that the vehicle or its controller takes; none: not judged
+    most_items: int | None = None  # that the vehicle or its controller takes; None: not judged
     trust_dem: bool = False  # whether heights are taken as they are where they do not look like ground
 
 
@@ -89,7 +89,7 @@ class CheckOutcome:
 
     checked: Checked  # the findings, also of what would be seen, and the path
     aircraft: Aircraft  # whose speeds and returns were counted on
-    view: MissionView | None = None  # the expected coverage; none where it is not checked, or nothing is flown
+    view: MissionView | None = None  # the expected coverage; None where it is not checked, or nothing is flown
 
     @property
     def verdict(self) -> VerdictName:
@@ -102,9 +102,9 @@ class ReadMission:
     """A mission file as it is judged."""
 
     mission: Mission  # its mission
-    fence: Fence | None = None  # its fence, none where it has none
-    autopilot: AutopilotName | None = None  # whom it was made for; none: it does not say
-    kind: Kind | None = None  # of aircraft; none: it does not say
+    fence: Fence | None = None  # its fence, None where it has none
+    autopilot: AutopilotName | None = None  # whom it was made for; None: it does not say
+    kind: Kind | None = None  # of aircraft; None: it does not say
     repairs: tuple[str, ...] = ()  # what was repaired to read it
     return_height_m: float | None = None  # above home, where the file states it
     speed_m_s: float | None = None  # cruise speed, where the file states it
@@ -295,7 +295,7 @@ _NOT_SET: Mapping[str, float] = MappingProxyType(dict.fromkeys(("cruise_m_s", "c
 
 
 def planned_vehicle(mission: Path) -> VehicleType | None:
-    """The vehicle that a run's mission file was planned for, from the scenario beside it; none for other files.
+    """The vehicle that a run's mission file was planned for, from the scenario beside it; None for other files.
 
     Raises:
         ScenarioError: the scenario cannot be used.

@@ -44,7 +44,7 @@ class PlannedPictures:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Pictures that are taken all the time, where a mission leaves them to somebody else: by distance or by time."""
+    """Photos that are taken all the time, where a mission leaves them to somebody else: by distance or by time."""
 
     distance_m: float | None = None
     interval_s: float | None = None
@@ -89,7 +89,7 @@ def planned_pictures(
         world: where it is.
         aircraft: whose autopilot gives the commands their meaning.
         pitch_deg: of the camera where no item says it.
-        always: photos on the whole route beside those of the items; none: only the items' own.
+        always: photos on the whole route beside those of the items; None: only the items' own.
     """
     shooting = _Shooting(mission, world, aircraft, pitch_deg)
     deeds = list(path.deeds)

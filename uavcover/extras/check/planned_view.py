@@ -51,9 +51,9 @@ class ViewQuery:
 
     area: AreaQuery  # the ground
     camera: str  # name or file
-    gsd_m: float | None = None  # largest ground sample distance that counts as seen; none: any
-    overlap: str | None = None  # forward and side, as "75/70"; none: not judged
-    coverage: float | None = None  # share of the area that has to be seen; none: not judged
+    gsd_m: float | None = None  # largest ground sample distance that counts as seen; None: any
+    overlap: str | None = None  # forward and side, as "75/70"; None: not judged
+    coverage: float | None = None  # fraction of the area that has to be seen; None: not judged
     pitch_deg: float = -90.0  # of the camera where the mission does not say it
     always: Series | None = None  # photos that are taken beside those of the mission's items
 
@@ -76,7 +76,7 @@ def planned_view(
     aircraft: Aircraft,
     read_ground: GroundReader,
 ) -> MissionView | None:
-    """Count what a checked mission's photos show; none where the mission has no path.
+    """Count what a checked mission's photos show; None where the mission has no path.
 
     Raises:
         UavcoverError: area, camera or elevation data cannot be used.

@@ -159,7 +159,7 @@ def _finding(
 
 
 def allowed_area(fence: LocalFence) -> shapely.Geometry | None:
-    """The area that a fence leaves; none without a fence."""
+    """The area that a fence leaves; None without a fence."""
     if fence == LocalFence():
         return None
     circles = [(shapely.Point(e, n).buffer(r, quad_segs=256), stays) for e, n, r, stays in fence.circles]

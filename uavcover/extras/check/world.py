@@ -36,13 +36,13 @@ class Aircraft:
     cruise_speed_m_s: float = 10.0  # over ground for a multirotor, through the air for the others
     max_climb_m_s: float = 2.5  # largest upward speed
     max_descent_m_s: float = 1.5  # largest downward speed
-    max_airspeed_m_s: float | None = None  # largest speed through the air; none: wind does not slow a multirotor
+    max_airspeed_m_s: float | None = None  # largest speed through the air; None: wind does not slow a multirotor
     return_height_m: float = 15.0  # height above home of the autopilot's own return
     loiter_radius_m: float = 10.0  # radius of a circle whose item states none
     turn_radius_m: float = 0.0  # smallest radius of a turn at cruise speed; 0 for a multirotor
     acceptance_m: float = 0.0  # how far before a waypoint the next leg is taken, where its item does not say
-    endurance_s: float | None = None  # time in the air; none: unknown
-    reserve_fraction: float = 0.2  # share of it that a flight leaves
+    endurance_s: float | None = None  # time in the air; None: unknown
+    reserve_fraction: float = 0.2  # fraction of it that a flight leaves
     speeds_from: str = "the autopilot's defaults"  # where the speeds are from, for people
 
     @property
@@ -115,7 +115,7 @@ class World:
     frame: LocalFrame  # origin at home
     # the height surface in that frame, with obstacles: heights above the terrain, home and zones count from it
     ground: Ground
-    # a surface model, with trees and roofs, that the path must keep clear of too; none without one
+    # a surface model, with trees and roofs, that the path must keep clear of too; None without one
     surface: Ground | None = None
 
     @property
@@ -211,7 +211,7 @@ class Surroundings:
 
     fence: LocalFence = LocalFence()  # its fence
     zones: tuple[Zone, ...] = ()  # no-fly zones that come near
-    pilot_m: FloatArray | None = None  # (3,) ENU eye of the pilot, who has the radio; none: not judged
+    pilot_m: FloatArray | None = None  # (3,) ENU eye of the pilot, who has the radio; None: not judged
     prisms: tuple[Prism, ...] = ()  # obstacles on the ground, by their numbers in it
     obstacle_clearance_m: float = 10.0  # least distance from them, beside and above
 

@@ -53,9 +53,9 @@ class ExportRequest:
 
     file_format: str  # one of `mission_formats`
     out: Path  # the file to write; several files have numbers before the suffix
-    sortie: int | None = None  # which flight of a plan that is flown as several; none: all, one file each
+    sortie: int | None = None  # which flight of a plan that is flown as several; None: all, one file each
     autopilot: AutopilotName | None = None  # for whom; default: the scenario's
-    most_points: int | None = None  # how many points a file may have; none: as many as the format's controller takes
+    most_points: int | None = None  # how many points a file may have; None: as many as the format's controller takes
     aircraft: DjiAircraft | None = None  # for ``wpml``, and for ``print``: what flies it
     # for ``wpml``: "takeoff", above the place of take-off, or "ellipsoid", above the ellipsoid of WGS 84
     heights: str = TAKEOFF_HEIGHTS
@@ -75,9 +75,9 @@ class FlightFile:
     items: int  # mission items, or points for controllers that fly points
     flight_time_s: float  # from take-off to landing
     highest_m: float  # its highest point above home
-    pictures: bool | None = None  # whether a controller's file takes photos; none for missions, whose items say it
+    pictures: bool | None = None  # whether a controller's file takes photos; None for missions, whose items say it
     warnings: tuple[str, ...] = ()  # what a pilot has to know who lets a controller return by itself, one line each
-    return_height_m: float | None = None  # height above home for a return by the controller itself; none for missions
+    return_height_m: float | None = None  # height above home for a return by the controller itself; None for missions
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile
 
     Raises:
         InputError: the run, the format or an option cannot be used.
-        OutputError: a file is there already, would be left over from an older export, or cannot be written.
+        OutputError: a file already exists, would be left over from an older export, or cannot be written.
         InfeasibleError: a leg breaks a limit, or no flight of so few points reaches a part of the route.
         mission_io.errors.FormatError: the format cannot express the mission.
     """
@@ -157,8 +157,8 @@ def write_exported(out: Path, contents: Mapping[str, bytes], *, force: bool, old
         older: names of files that must be replaced, or they would be taken for parts of this export.
 
     Raises:
-        OutputError: a file is there already and ``force`` was not said, one of an older export would be left, or one cannot
-            be written; then all is as it was.
+        OutputError: a file already exists and ``force`` is not set, one of an older export would be left, or one cannot be
+            written; then all is as it was.
     """
     folder = RunFolder(out.parent)
     with folder.reserved(contents, force=force):

@@ -221,7 +221,7 @@ def print_plan(run: RunFolder, request: ExportRequest, notes: Mapping[str, str])
     Raises:
         InputError: the run cannot be read, or has no place or home.
         InfeasibleError: a leg breaks a limit.
-        OutputError: the page is there already, or cannot be written.
+        OutputError: the page already exists, or cannot be written.
     """
     folder = run if request.sortie is None else run.flight(request.sortie)
     site, planned = read_planned(folder)
@@ -304,7 +304,7 @@ def clock(seconds: float) -> str:
 
 
 def _return_height_m(flights: Sequence[Sortie]) -> float | None:
-    """Height above home from which the straight way home is clear from everywhere; none where ground is unknown."""
+    """Height above home from which the straight way home is clear from everywhere; None where ground is unknown."""
     safe_m = [sortie.compiled.return_advice.safe_return_height_m for sortie in flights]
     return math.ceil(max(safe_m)) if all(map(math.isfinite, safe_m)) else None
 

@@ -18,7 +18,7 @@ class VehicleRow:
     waypoint: int = 0  # planned waypoint that it flies to
     waypoints: int = 0  # how many its sortie has
     late_s: float | None = None  # seconds behind the plan; none on the ground
-    nearest: float | None = None  # distance of the nearest other vehicle in the air, metres; none without one
+    nearest: float | None = None  # distance of the nearest other vehicle in the air, metres; None without one
 
 
 class Board:

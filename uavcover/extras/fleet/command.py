@@ -327,7 +327,7 @@ FLEET_RECORDING = "fleet.rrd"
 
 
 def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path | None:
-    """Write ``fleet.rrd`` of all flights in these folders; none where nothing was recorded.
+    """Write ``fleet.rrd`` of all flights in these folders; None where nothing was recorded.
 
     Raises:
         InputError: a track does not tell when its positions arrived, or cannot be read.

@@ -51,7 +51,7 @@ class Job:
     site: Site  # the scenario on its ground
     route: Route  # its waypoints
     timeline: Timeline  # as planned
-    # share of a full battery, in the worst of the winds that it is planned for; none without an endurance
+    # fraction of a full battery, in the worst of the winds that it is planned for; None without an endurance
     battery_used: float | None = None
     is_rest: bool = False  # whether it is the rest of a sortie that another vehicle began
 
@@ -108,7 +108,7 @@ def _planned_job(run: RunFolder, number: int, vehicle: int, takeoff_s: float) ->
 
 
 def _planned_use(site: Site, route: Route) -> tuple[Timeline, float | None]:
-    """The planned times of a sortie, and the share of a battery that it uses.
+    """The planned times of a sortie, and the fraction of a battery that it uses.
 
     Raises:
         InfeasibleError: a leg breaks a limit, or the flight takes too long.
@@ -120,7 +120,7 @@ def _planned_use(site: Site, route: Route) -> tuple[Timeline, float | None]:
 
 
 def left_of(job: Job) -> Route | None:
-    """The unflown part of the route of a flight that ended early; none when nothing is left.
+    """The unflown part of the route of a flight that ended early; None when nothing is left.
 
     Raises:
         InputError: what was flown cannot be read.
@@ -217,7 +217,7 @@ class Queues:
             self._waiting.sort(key=lambda each: (each.planned_s, each.name))
 
     def take(self, vehicle: int) -> Job | None:
-        """The next sortie of a vehicle, which is busy from here on; none when it has none now."""
+        """The next sortie of a vehicle, which is busy from here on; None when it has none now."""
         with self._lock:
             job = next((job for job in self._waiting if job.vehicle == vehicle), None)
             if job is not None:

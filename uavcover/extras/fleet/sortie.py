@@ -75,8 +75,8 @@ class FlownSortie:
 
     job: Job  # the sortie
     vehicle: int  # who flew it
-    began_s: float | None = None  # its take-off, since the first take-off of all; none when it never began
-    outcome: FlightOutcome | None = None  # how it ended; none when it failed before
+    began_s: float | None = None  # its take-off, since the first take-off of all; None when it never began
+    outcome: FlightOutcome | None = None  # how it ended; None when it failed before
     error: str = ""  # why it failed, as text
     down: bool = True  # whether the vehicle is known to be on the ground
 
@@ -128,7 +128,7 @@ def wait_for_home(
 
 
 def whose_home(connected: Connected, sites: Mapping[int, Site]) -> int | None:
-    """The vehicle of the nearest home in the sites to a vehicle's reported home; none where no site fits."""
+    """The vehicle of the nearest home in the sites to a vehicle's reported home; None where no site fits."""
     try:
         reported = connected.client.request_message(HomePosition)
     except MissionIoError:
@@ -168,7 +168,7 @@ def require_own_mission(connected: Connected, compiled: CompiledMission, urls: S
 
 
 def lacking_battery(job: Job, connected: Connected) -> str | None:
-    """Deficit of a battery for a sortie and its reserve; none where it is enough, or reports nothing."""
+    """Deficit of a battery for a sortie and its reserve; None where it is enough, or reports nothing."""
     vehicle, status = job.site.scenario.vehicle, connected.monitor.latest(SysStatus)
     percent = None if status is None else status.battery_remaining_percent
     if job.battery_used is None or percent is None:
@@ -222,7 +222,7 @@ class LostVehicle:
         """Listen for at most this time, and inform the others of each message.
 
         Returns:
-            What the user must know: that it is heard again, or is down; none when there is nothing new.
+            What the user must know: that it is heard again, or is down; None when there is nothing new.
         """
         client, monitor, site = self._connected.client, self._connected.monitor, self._job.site
         client.poll(seconds)

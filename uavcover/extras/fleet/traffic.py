@@ -19,7 +19,8 @@ from uavcover.missions.fleet_schedule import PathPieces, Timeline, pieces_of, se
 from uavcover.model.vehicle import Fleet
 
 _KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
-"""Time in the air after which a flight's delay predicts its delay at the landing, and the largest one as a share of the rest."""
+"""Time in the air after which a flight's delay predicts its delay at the landing, and the largest one as a fraction of the
+rest."""
 _UNDER_WAY_S = 3.0
 """Progress at which a vehicle has left the ground: a delay before it does not grow."""
 
@@ -46,7 +47,7 @@ class FleetPosition:
     phase: FleetPhase = FleetPhase.WAITING  # what it does
     progress_s: float = 0.0  # time since take-off at which the plan has it where it is
     began_s: float = 0.0  # when it took off
-    # the take-off, and the progress, by which it was on its plan when it had left the ground; none before
+    # the take-off, and the progress, by which it was on its plan when it had left the ground; None before
     lifted_s: tuple[float, float] | None = None
     seen_s: float = 0.0  # when it was there
     place_m: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) ENU, where it is
@@ -146,7 +147,7 @@ class Traffic:
         return self._first_s is not None
 
     def phase(self, name: str) -> FleetPhase | None:
-        """Phase of a flight; none for one that was dropped."""
+        """Phase of a flight; None for one that was dropped."""
         with self._lock:
             flight = self._flights.get(name)
             return None if flight is None else flight.phase

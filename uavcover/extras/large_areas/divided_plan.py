@@ -123,7 +123,7 @@ def _write(path: Path, route_m: FloatArray) -> None:
 
 
 def _read(path: Path) -> FloatArray | None:
-    """A route that was kept; none where there is no whole one."""
+    """A route that was kept; None where there is no whole one."""
     try:
         raw = path.read_bytes()
     except OSError:
@@ -320,7 +320,7 @@ def part_searchers(
     """Functions that search the parts and judge a large area block by block, and their number at a time.
 
     Args:
-        scheduler: see :func:`uavcover.run.scheduling.workers_of`; none: threads.
+        scheduler: see :func:`uavcover.run.scheduling.workers_of`; None: threads.
         executor: those threads.
         threads: how many there are.
         should_stop: whether the user wants the best there is.

@@ -61,7 +61,7 @@ from uavcover.sensing.site_maps import RunBlocks, judging_map, look_at_all, one_
 # route.
 
 _SHARES = (1 / 32, *TIGHT)
-"""Tolerances of legs to their height, as shares of the band.
+"""Tolerances of legs to their height, as fractions of the band.
 
 On 10,000 km² with relief of 900 m the least is best: 119 lines in 11,875 km, where 1/16 takes 121 in 12,075.
 """
@@ -90,7 +90,7 @@ def sliced(site: Site, coarse: CoverageMap, goal: float, count: int) -> list[Sli
         count: how many.
 
     Returns:
-        ``count`` slices; none where no lines keep the limits, or are enough for ``count``, or are over the area.
+        ``count`` slices; empty where no lines keep the limits, or are enough for ``count``, or are over the area.
     """
     if not can_be_adapted(site):
         return []
@@ -112,7 +112,7 @@ def sliced(site: Site, coarse: CoverageMap, goal: float, count: int) -> list[Sli
 
 
 def _best_lines(site: Site, coarse: CoverageMap, goal: float) -> tuple[SwathLayout, BentLines] | None:
-    """Feasible lines of least cost, with their missing coverage at its price; None where none is feasible."""
+    """Feasible lines of least cost, with their missing coverage at its price; None if none is feasible."""
     along_rad = long_side_angle_rad(site.area)
     found: list[_Lines] = []
     for angle_rad, share in itertools.product((along_rad, along_rad + 0.5 * math.pi), _SHARES):
@@ -338,9 +338,9 @@ def search_parts_with(
 def tasks_of(
     site: Site,  # the scenario on its ground
     areas: Sequence[Piece],  # the parts
-    # their routes so far, each (n, 3) ENU; none before the first round where each is to have lines of its own
+    # their routes so far, each (n, 3) ENU; None before the first round where each is to have lines of its own
     routes: Sequence[FloatArray] | None,
-    goal: float,  # share of the coverable ground
+    goal: float,  # fraction of the coverable ground
     *,
     # from 0; in odd ones the lower number of two neighbours keeps what both see, in even ones the higher
     round_number: int,

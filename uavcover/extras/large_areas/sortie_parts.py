@@ -247,9 +247,9 @@ _MOST = 400
 _WIDEST_RAD = 0.5 * math.pi
 """Widest sector."""
 _TOLERANCE = 1 / 8
-"""Tolerance of legs to their height, as a share of the band: as of tight lines."""
+"""Tolerance of legs to their height, as a fraction of the band: as of tight lines."""
 _INSET = 0.9
-"""Inset at the ends of lines, as a share of the sensor's reach."""
+"""Inset at the ends of lines, as a fraction of the sensor's reach."""
 _SPACINGS = (1.09, 1.06, 1.03, 1.0, 0.97, 0.94, 0.9, 0.85)
 """Between lines across, in widths of a swath: the widest that sees enough is taken."""
 _ENOUGH = 0.002
@@ -272,7 +272,7 @@ class SortiePart:
     area: Piece  # of the part
     begin_m: FloatArray  # (n, 3) ENU of a flight that sees it, nearly
     cost: float  # of the mission that flies it
-    load: float  # the share of what one flight may take: time, battery or items, whichever is most
+    load: float  # the fraction of what one flight may take: time, battery or items, whichever is most
 
 
 def may_have_sorties(site: Site) -> bool:
@@ -282,7 +282,7 @@ def may_have_sorties(site: Site) -> bool:
 
 
 def sortie_parts(site: Site, coarse: CoverageMap, goal: float) -> list[SortiePart]:
-    """Parts of least cost; None with few flights, or where flights around home are infeasible or lack coverage.
+    """Parts of least cost; empty with few flights, or if flights around home are infeasible or lack coverage.
 
     Args:
         site: for which :func:`may_have_sorties` holds.
@@ -345,7 +345,7 @@ class _Sorties:
         return max(self.fewest_sectors, math.ceil(1.2 * flights / layers))
 
     def divided(self, sectors: int, layers: int, spacing: float, *, balancings: int) -> list[SortiePart]:
-        """Parts with equal battery use. None where a part has no visible ground, or far more than a flight may take."""
+        """Parts with equal battery use. Empty where a part has no visible ground, or far more than a flight may take."""
         swath = Swath(2.0 * self._reach_m, spacing * 2.0 * self._reach_m, _INSET * self._reach_m)
         ground, shares = np.diff(self._ground_m2), np.ones((sectors, layers))
         best: list[SortiePart] = []

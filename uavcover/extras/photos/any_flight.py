@@ -98,7 +98,7 @@ def verify_evidence(
     """The verdict on a flight of a run folder: the coverage by its photos, everything else by its track.
 
     Returns:
-        What ``verification.json`` says; where there is no track, what ``photos/photos.json`` does.
+        What ``verification.json`` says; without a track, what ``photos/photos.json`` does.
 
     Raises:
         InputError: something cannot be read or used.

@@ -1,4 +1,4 @@
-"""The verdict on pictures: where they were taken, what they show, whether it is enough."""
+"""The verdict on photos: where they were taken, what they show, whether it is enough."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -53,17 +53,17 @@ class PhotoRequest:
     # what is taken where photos do not tell it; the height of take-off is filled in from ``takeoff``
     assumed: Assumptions
     takeoff: tuple[float, float] | None  # latitude and longitude: heights above it count, not those above the sea
-    # share of what can be seen that some photo has to show; none: what the scenario requires, or 0.98
+    # fraction of the visible ground that some photo has to show; None: what the scenario requires, or 0.98
     coverage: float | None
     # whether the camera hangs on its vehicle as the sensor says, where photos tell only the vehicle's attitude
     mount_known: bool
     refly: bool  # whether to plan the flight for what is missing
-    budget_s: float | None  # time for its search; none: the scenario's number of evaluations
+    budget_s: float | None  # time for its search; None: the scenario's number of evaluations
     force: bool  # whether files may be replaced
-    detection: DetectionCurve | None = None  # probability that one look finds the object; none: there is no search
-    # least mean probability, over the area, that the photos find it; none: it is only reported
+    detection: DetectionCurve | None = None  # probability that one look finds the object; None: there is no search
+    # least mean probability, over the area, that the photos find it; None: it is only reported
     pod: float | None = None
-    # photos in which the ground moves farther do not count, and none whose blur is not known; none: any count
+    # photos in which the ground moves farther do not count, and none whose blur is not known; None: any count
     max_blur_px: float | None = None
 
 

@@ -47,7 +47,7 @@ def check_geopackage(path: Path, *, force: bool) -> None:
 
     Raises:
         InputError: pyogrio is not installed, or the name has another ending.
-        OutputError: the file is there already and ``force`` was not said.
+        OutputError: the file already exists and ``force`` is not set.
     """
     if path.suffix.lower() != ".gpkg":
         raise InputError(f"--gpkg: {path}: the name of a GeoPackage must end in .gpkg")
@@ -67,7 +67,7 @@ def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bo
 
     Raises:
         InputError: pyogrio is not installed.
-        OutputError: the file is there already and ``force`` was not said, or it cannot be written.
+        OutputError: the file already exists and ``force`` is not set, or it cannot be written.
     """
     check_geopackage(path, force=force)
     import pyogrio
@@ -179,7 +179,7 @@ def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
 
 
 def save_photo_report(verdict: PhotoVerdict, path: Path, user: User, *, force: bool) -> None:
-    """Write the report. Raises OutputError: it is there already and ``force`` was not said, or cannot be written."""
+    """Write the report. Raises OutputError: it already exists and ``force`` is not set, or cannot be written."""
     refuse_to_replace(path, force=force)
     with user.progress("reporting"):
         text = render_photo_report(verdict)
@@ -191,7 +191,7 @@ def refuse_to_replace(path: Path, *, force: bool) -> None:
     """See before photos are judged that their report can be written.
 
     Raises:
-        OutputError: it is there already and ``force`` was not said.
+        OutputError: it already exists and ``force`` is not set.
     """
     if path.exists() and not force:
         raise OutputError(f"{path} already exists; use --force to overwrite it, or choose another name")
@@ -202,7 +202,7 @@ _NEAR_M = 500.0
 
 
 def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
-    """The drawing data of a verdict on pictures: the area, cells, where photos were taken, footprints of some, and gaps."""
+    """The drawing data of a verdict on photos: the area, cells, where photos were taken, footprints of some, and gaps."""
     site = verdict.site
     west, south, east, north = site.area.bounds
     eyes = verdict.placed.eyes_m

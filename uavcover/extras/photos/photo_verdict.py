@@ -38,8 +38,8 @@ class PhotoVerdict:
     placed: PlacedPictures  # the photos that count
     shown: ShownCells  # what they show
     drawn: BoolArray  # (cells,) of the area without its margin
-    asked: int | None  # photos in which the overlap asked for puts each point; none where none is
-    blur_px: FloatArray  # (n,) of each photo that counts, NaN where it is not known
+    asked: int | None  # photos in which the overlap asked for puts each point; None if none is
+    blur_px: FloatArray  # (n,) of each photo that counts, NaN if unknown
     gaps: list[GapRegion]  # where too few show it
     judgement: Judgement  # the decision, and what it comes from
     document: dict[str, Any]  # what ``photos.json`` says
@@ -47,7 +47,7 @@ class PhotoVerdict:
 
     @property
     def needed(self) -> int:
-        """Pictures in which each cell has to be."""
+        """Photos in which each cell has to be."""
         return self.asked or 1
 
     @property
@@ -69,7 +69,7 @@ def frame_of(site: Site) -> LocalFrame:
 
 
 def blur_px(placed: PlacedPictures, sensor: Sensor, heights_m: FloatArray) -> FloatArray:
-    """(n,) pixels by which the ground below moves while the shutter is open; NaN where it is not known."""
+    """(n,) pixels by which the ground below moves while the shutter is open; NaN if unknown."""
     focal = sensor.focal_px
     speeds = _speeds_m_s(placed)
     exposures = np.array([np.nan if p.exposure_s is None else p.exposure_s for p in placed.pictures])

@@ -164,7 +164,7 @@ def survey_as_flown(
     user: User,  # receives notes on the survey
     *,
     out: RunFolder,  # where a camera file is written
-    # the place of take-off in a site's flight, "LAT,LON", as a home that the user did not give; none: not known
+    # the place of take-off in a site's flight, "LAT,LON", as a home that the user did not give; None: not known
     take_off: Callable[[Site], str] | None = None,
 ) -> NewScenario:
     """The survey with the camera named in the photos and the flown ground sample distance, unless the user gave others.

@@ -33,11 +33,11 @@ class Assumptions:
     vertical_by_barometer_m: float = 3.0  # error of heights above the place of take-off
     attitude_deg: float = 2.0  # error of the camera's angles where they are known
     unknown_attitude_deg: float = 10.0  # largest lean of a camera without known angles
-    pitch_deg: float = -90.0  # of the camera where it is not known
+    pitch_deg: float = -90.0  # of the camera if unknown
     takeoff_alt_amsl_m: float | None = None  # of the place of take-off: heights above it count, if given
     geoid_height_m: float | None = None  # of the sea level above the ellipsoid; default: by PROJ's grid
-    # a camera whose mount says how it hangs on the vehicle, for photos that tell the vehicle's attitude only; none:
-    # that is not known
+    # a camera whose mount says how it hangs on the vehicle, for photos that tell the vehicle's attitude only; None: that is not
+    # known
     mounted: FrameCamera | None = None
 
 
@@ -127,7 +127,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
 
 
 def _vehicle_attitudes_deg(pictures: Sequence[Picture]) -> FloatArray:
-    """(n, 3) roll, pitch and yaw of the vehicle; NaN where they are not known."""
+    """(n, 3) roll, pitch and yaw of the vehicle; NaN if unknown."""
     angles = [(p.vehicle_roll_deg, p.vehicle_pitch_deg, p.vehicle_yaw_deg) for p in pictures]
     return np.array([[np.nan if angle is None else angle for angle in row] for row in angles])
 
@@ -185,7 +185,7 @@ def _yaws_deg(pictures: Sequence[Picture], eyes_m: FloatArray) -> tuple[FloatArr
 
 
 def courses_deg(eyes_m: FloatArray) -> FloatArray:
-    """(n,) the direction of the line on which each of some places in order lies; NaN where there is none.
+    """(n,) the direction of the line on which each of some places in order lies; NaN without one.
 
     Of the steps to a place and from it the one counts that goes on straight, so that the first and last places of a line belong
     to it and not to the way to the next one.
@@ -371,7 +371,7 @@ def _takeoff_heights_m(
 
 
 def _alt_amsl_m(en_m: FloatArray, ground: Ground, frame: LocalFrame) -> float:
-    """Height above sea level of the ground at a place; NaN where it is not known."""
+    """Height above sea level of the ground at a place; NaN if unknown."""
     up_m = ground.heights_m(en_m[None, :])
     _, _, alt_amsl_m = frame.geodetic_from_enu(np.column_stack([en_m[None, :], up_m]))
     return float(alt_amsl_m[0])

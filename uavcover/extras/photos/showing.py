@@ -147,8 +147,8 @@ class ShownCells:
     # (n,) each: seen by a photo as finely as the sensor has to, surely, possibly, how closely, and the best outcome of
     # any photo
     coverage: FlownCoverage
-    # how probably they find what is searched for, by the photos that are as fine as the sensor has to be; none where
-    # there is no search
+    # how probably they find what is searched for, by the photos that are as fine as the sensor has to be; None where there is no
+    # search
     detection: Detection | None = None
 
     def enough(self, needed: int) -> BoolArray:

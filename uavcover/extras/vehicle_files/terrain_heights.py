@@ -82,7 +82,7 @@ def write_terrain_files(
     Raises:
         InputError: a spacing that the vehicle cannot have, or a box with too many blocks.
         TerrainError: there is no height in any block.
-        OutputError: a file is there already, or cannot be written.
+        OutputError: a file already exists, or cannot be written.
     """
     blocks = _blocks_in(around, spacing_m)
     known = {block: parts_of_block(places_of_block(*_corner_deg(block), spacing_m), heights) for block in blocks}

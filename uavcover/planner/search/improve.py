@@ -355,7 +355,7 @@ def _least_seen(route: Route, judges: Sequence[CoverageMap]) -> float:
 
 
 def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
-    """The route with a waypoint moved forward to the next photo; None if that is not needed."""
+    """The route with a waypoint moved forward to the next photo; nothing if that is not needed."""
     points, trigger_m = route.waypoints_m, trigger_distance_m(site.scenario)
     if number == 0 or trigger_m is None:
         return

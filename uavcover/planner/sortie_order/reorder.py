@@ -109,7 +109,7 @@ def _straight_costs(site: Site, route: Route) -> FlightCosts:
 
 
 def _sorties(costs: FlightCosts) -> list[tuple[int, int]]:
-    """The flights of the best split; None without one."""
+    """The flights of the best split; empty without one."""
     total_s, begun = split(costs)
     return flights_of_split(begun, costs.shared) if math.isfinite(total_s) else []
 

@@ -83,7 +83,7 @@ _WIDTH_TO_M = 0.1
 
 
 def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slope: float) -> list[shapely.Polygon]:
-    """The parts of a region between steps of the ground; none where steps divide nothing, or only ground below ``_LEAST_SHARE``.
+    """The parts of a region between steps of the ground; empty where steps divide nothing, or only ground below ``_LEAST_SHARE``.
 
     Args:
         ground: its nodes are looked at; other grounds have no steps.
@@ -137,7 +137,7 @@ def _without_small_holes(part: shapely.Polygon, region: Polygons, least_m2: floa
 
 
 def _steps(surface: Surface, region: Polygons, width_m: float, slope: float) -> shapely.Geometry | None:
-    """The ground beside steps inside the bounds of a region, with few corners; none where there is no step."""
+    """The ground beside steps inside the bounds of a region, with few corners; None where there is no step."""
     if surface.kind != GRID or region.is_empty:
         return None
     grid = surface.grid
@@ -199,7 +199,7 @@ class FlyableArea:
     # those of them with a floor or a ceiling inside of the band, so that a narrower band would open some of them
     partly: tuple[Zone, ...] = ()
     cut_off: bool = False  # whether zones cut off other pieces of the fence
-    undivided: shapely.Polygon | None = None  # the piece and those beyond steps of the ground; none without such steps
+    undivided: shapely.Polygon | None = None  # the piece and those beyond steps of the ground; None without such steps
 
 
 @once
@@ -332,7 +332,7 @@ def _fills(site: Site, zone: Zone, low_agl_m: float, high_agl_m: float) -> bool:
 
 
 def _ground_amsl_m(site: Site, zone: Zone) -> tuple[float, float] | None:
-    """Lowest and highest ground above sea level under a zone inside the fence; none where they do not meet."""
+    """Lowest and highest ground above sea level under a zone inside the fence; None where they do not meet."""
     under = zone.grown(zone.entry.margin_m + _ROUNDING_M).intersection(site.fence)
     if under.is_empty:
         return None

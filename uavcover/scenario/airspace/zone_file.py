@@ -69,8 +69,8 @@ class ZoneReader:
     """A format of zones: an entry point of the group ``uavcover.zone_readers``."""
 
     suffixes: tuple[str, ...]  # of its files, in lower case with the dot
-    # takes the text of a file and its suffix; none where the text is not of this format. A text of this format that
-    # cannot be read is a `mission_io.errors.FormatError`.
+    # takes the text of a file and its suffix; None where the text is not of this format. A text of this format that cannot be
+    # read is a `mission_io.errors.FormatError`.
     read: Callable[[str, str], ReadZones | None]
 
 
@@ -203,7 +203,7 @@ def _read(path: Path) -> ReadZones:
 
 
 def _of_text(text: str, suffix: str) -> ReadZones | None:
-    """The zones of a text in a format of airspace; none for one of areas."""
+    """The zones of a text in a format of airspace; None for one of areas."""
     if suffix == ".plan":
         return _of_plan(text)
     if suffix not in SUFFIXES and not text.strip():

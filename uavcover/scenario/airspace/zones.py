@@ -45,7 +45,7 @@ class Zone:
     entry: NoFly  # as the scenario has it
     name: str  # for people, never empty
     outline: Polygons  # (east, north) metres; of a circle, a polygon around it
-    circle: tuple[float, float, float] | None = None  # east, north, radius, metres; none for polygons
+    circle: tuple[float, float, float] | None = None  # east, north, radius, metres; None for polygons
 
     def grown(self, margin_m: float) -> Polygons:
         """The outline with everything that is nearer to it than a margin, and a little more at corners."""
@@ -135,7 +135,7 @@ class ZoneCheck:
 
     zones: tuple[Zone, ...]  # the zones
     ground: Ground  # for heights above ground
-    frame: LocalFrame | None  # for heights above sea level; none where up is such a height
+    frame: LocalFrame | None  # for heights above sea level; None where up is such a height
     height_margin_m: float = 0.0  # floors count as this much lower, ceilings as this much higher
     margins: bool = False  # whether the margins of the zones are kept too
 
@@ -367,7 +367,7 @@ class WayRound:
         return bool(self.are_straight(np.array([[a_m, b_m]]))[0])
 
     def between(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray | None:
-        """(k, 2) corners of the shortest way from one place to another, both included; none where there is no way.
+        """(k, 2) corners of the shortest way from one place to another, both included; None where there is no way.
 
         Both places have to be inside.
         """

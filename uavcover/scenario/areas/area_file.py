@@ -257,8 +257,8 @@ class AreaQuery:
 
     # a file; or ``WEST,SOUTH,EAST,NORTH`` in degrees; or ``LAT,LON,RADIUS`` in degrees and metres; or well-known text
     source: str
-    layer: str | None = None  # of the file; none: the only one
-    feature: str | None = None  # name or number (from 1) of one feature; none: all of them
+    layer: str | None = None  # of the file; None: the only one
+    feature: str | None = None  # name or number (from 1) of one feature; None: all of them
     crs: str | None = None  # the coordinate system, such as ``EPSG:32632``, instead of the one that the file names
     make_valid: bool = False  # whether outlines that cross themselves and rings that are not closed are mended
     swap_axes: bool = False  # whether the file has latitude, or north, first

@@ -41,7 +41,7 @@ class AreaDocument:
 
     source: str  # names it in errors
     features: tuple[AreaFeature, ...]  # those with polygons, in the order of the file
-    crs: CRS | None = WGS84  # their coordinate system; none when the file does not say
+    crs: CRS | None = WGS84  # their coordinate system; None when the file does not say
     others: str = ""  # what else is in it, for the error when there is no polygon: "2 lines"
     rings_may_be_open: bool = False  # whether the format leaves out the last corner, which repeats the first
     unclosed: tuple[str, ...] = ()  # places of rings that should have been closed and were not, found while reading
@@ -53,8 +53,8 @@ def chosen(document: AreaDocument, layer: str | None, feature: str | None) -> tu
 
     Args:
         document: the file.
-        layer: only this layer; none: the only one.
-        feature: only features of this name, or the one of this number, counted from 1; none: all.
+        layer: only this layer; None: the only one.
+        feature: only features of this name, or the one of this number, counted from 1; None: all.
 
     Raises:
         InputError: there is none, or several layers and none was chosen; says what there is.
@@ -129,7 +129,7 @@ def kml_of(path: Path) -> bytes:
 
 
 def entry_of(path: Path, name: str) -> bytes | None:
-    """The entry of a KMZ file that has this name; none where there is none.
+    """The entry of a KMZ file that has this name; None without one.
 
     Raises:
         InputError: no zip, a damaged or encrypted one, or an entry beyond the limits.

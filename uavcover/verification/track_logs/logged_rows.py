@@ -218,7 +218,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
 
     Args:
         path: the log.
-        system: of the vehicle; none: the only one.
+        system: of the vehicle; None: the only one.
 
     Raises:
         TrackError: not such a log, without positions, or with positions of several vehicles of which none was chosen.

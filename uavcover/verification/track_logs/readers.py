@@ -209,7 +209,7 @@ def read_foreign_log(path: Path, frame: LocalFrame, *, system: int | None = None
     Args:
         path: the log.
         frame: the local frame.
-        system: whose track it is, where a telemetry log has several vehicles; none: the only one's.
+        system: whose track it is, where a telemetry log has several vehicles; None: the only one's.
 
     Raises:
         TrackError: another suffix, or a file that cannot be read, is no such log or has no positions.

@@ -32,7 +32,7 @@ class Case:
 
     scenario: str  # its name
     rule: str  # by which the planners choose
-    asked: float  # share of the coverable area at which routes are compared
+    asked: float  # fraction of the coverable area at which routes are compared
     most_waypoints: float  # reference point of the hypervolume; its coverage is 0
     longest_m: float  # reference point of the hypervolume, its length
 
@@ -103,7 +103,7 @@ CHOICES = ("rule", "asked", "max-coverage")
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A member of a Pareto set: share of the coverable area on the area's cells, waypoints, length."""
+    """A member of a Pareto set: fraction of the coverable area on the area's cells, waypoints, length."""
 
     coverage: float
     waypoints: float
@@ -115,7 +115,7 @@ class Chosen:
     """The route that was chosen from a set."""
 
     met: bool  # whether it has the required coverage
-    coverage: float  # share of what is coverable, on the cells of the area
+    coverage: float  # fraction of what is coverable, on the cells of the area
     hold_out: float  # the same on cells that no planner has used
     waypoints: int  # how many
     length_m: float  # of the open path

@@ -75,7 +75,7 @@ class Sample:
         return hypervolume_share(self.case, self.moment.front, from_coverage=from_coverage)
 
     def chosen(self, choice: str) -> Chosen | None:
-        """The chosen route, none when nothing keeps the limits."""
+        """The chosen route, None when nothing keeps the limits."""
         return self.moment.chosen.get(choice)
 
     @property

@@ -53,7 +53,7 @@ class Tried:
 
     family: str  # all that does not change with the number of lines, as text
     lines: int  # how many lines, or rows of nodes
-    coverage: float  # share of what is coverable, on the cells of the area
+    coverage: float  # fraction of what is coverable, on the cells of the area
     hold_out: float  # the same on cells that no planner has used
     waypoints: int  # how many
     length_m: float  # of the open path

@@ -45,13 +45,13 @@ ITEMS: Final = 100
 
 @dataclass(frozen=True, slots=True, order=True)
 class Trial:
-    """One transfer of a list to or from a new vehicle, with that share of the datagrams lost each way."""
+    """One transfer of a list to or from a new vehicle, with that fraction of the datagrams lost each way."""
 
     client: str  # one of ``CLIENTS``
     vehicle: str  # one of ``AUTOPILOTS``
     direction: str  # one of ``DIRECTIONS``
     delay_s: float  # how long each datagram is under way, in seconds
-    loss: float  # share of the datagrams lost, each way
+    loss: float  # fraction of the datagrams lost, each way
     seed: int  # of the losses
     items: int = ITEMS  # how many there are in the list
 

@@ -39,7 +39,7 @@ class Published:
     """A figure of the paper."""
 
     mean: float  # over 10 runs
-    std: float  # the standard deviation; NaN where there is none
+    std: float  # the standard deviation; NaN without one
 
 
 @cache
