@@ -1,5 +1,5 @@
 """The flight of one vehicle: connect, upload, make ready, arm, follow, watch, bring home, resume.
 
-In: a run folder with missions, a link. Out: a track, a recording, how the flight ended.
-Begin with ``command.py`` (a run folder), ``connect.py`` (a vehicle) and ``fly.py``.
+In: a run folder with missions, a link. Out: a track, a recording, the outcome. Begin with ``command.py`` (a run folder),
+``connect.py`` (a vehicle) and ``fly.py``.
 """

@@ -37,7 +37,7 @@ class _Stream:
     """A kind of message that following needs."""
 
     interval_s: float  # the requested interval
-    least_hz: float  # how often it has to come, by the vehicle's time
+    least_hz: float  # required rate, in the vehicle's time
 
 
 _STREAMS: dict[type[m.Message], _Stream] = {
@@ -50,7 +50,7 @@ _STREAMS: dict[type[m.Message], _Stream] = {
 }
 _OF_ARDUPILOT: dict[type[m.Message], _Stream] = {m.EkfStatusReport: _Stream(1.0, 0.2)}
 _UNASKED_OF_PX4 = frozenset({m.MissionCurrent})
-"""PX4 sends these by itself, and answers FAILED when it is asked."""
+"""PX4 sends these unasked, and answers a request with FAILED."""
 _PREARM_CHECKS = 401
 
 
@@ -60,7 +60,7 @@ def request_telemetry(session: Session) -> None:
 
 
 def check_telemetry(session: Session) -> None:
-    """Measure the telemetry rates that following needs, and request again what arrives too rarely.
+    """Measure the telemetry rates that following needs, and request rare messages again.
 
     Raises:
         FlightFaultError: a kind of message does not arrive, or too rarely; the error names it.
@@ -115,13 +115,13 @@ def _rare(session: Session, streams: Mapping[type[m.Message], _Stream]) -> dict[
 
 
 def wait_until_ready(session: Session) -> None:
-    """Wait until the vehicle can be armed, and until what following needs comes often enough.
+    """Wait until the vehicle can be armed, and its telemetry is frequent enough.
 
-    ArduPilot's pre-arm bit is good about 18 s before arming works, so its position filter has to agree. Why it is not ready
-    is polled, and passed on as it comes.
+    ArduPilot's pre-arm bit is good about 18 s before arming works, so its position filter must also agree. The reasons for not
+    being ready are requested repeatedly and reported.
 
     Raises:
-        FlightFaultError: it does not get ready; the message says what it lacks.
+        FlightFaultError: it does not get ready; the message names what is missing.
     """
     session.tell(EventKind.STAGE, "waiting until the vehicle is ready")
     asked = _Reasons(session)
@@ -145,7 +145,7 @@ def wait_until_ready(session: Session) -> None:
 
 
 class _Reasons:
-    """Ask a vehicle periodically why it cannot be armed, as long as it knows the question."""
+    """Ask a vehicle periodically why it cannot be armed, unless it does not support the question."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -185,9 +185,9 @@ def missing(session: Session) -> list[str]:
 
 
 def check_home(session: Session, plan: FlightPlan) -> None:
-    """Refuse a vehicle whose home, or which itself, is not where the mission was planned to start.
+    """Refuse a vehicle that is not, or whose home is not, at the planned start of the mission.
 
-    Heights above home would be wrong by the difference. ArduPilot sets home anew where it is armed, so both count.
+    Heights above home would be wrong by the difference. ArduPilot sets home again when it arms, so both count.
 
     Raises:
         VehicleError: it is too far away, over ground or in height.
@@ -238,7 +238,7 @@ def check_mission(session: Session, plan: FlightPlan) -> None:
     """Refuse a vehicle that holds another mission than the planned one.
 
     Raises:
-        VehicleError: it holds none, or one that differs; the message names the largest difference.
+        VehicleError: it holds none, or another one; the message names the largest difference.
     """
     autopilot = session.autopilot
     wanted = wire_items(plan.mission, autopilot)
@@ -262,7 +262,7 @@ def arm_and_start(session: Session) -> None:
     ArduPilot: GUIDED, arm, AUTO, MISSION_START. PX4: mission mode, then arm, which starts it.
 
     Raises:
-        TakenOverError: something else has it, or its state stays unknown; nothing more was commanded.
+        TakenOverError: something else controls it, or its state stays unknown; no further command was sent.
         FlightFaultError: it refuses to arm, or does not leave the ground.
         mission_io.errors.CommandRefusedError: it refuses another step.
         Stopped: the user asked to stop; it may be armed.
@@ -302,8 +302,9 @@ def disarm_on_ground(session: Session) -> bool:
     """Disarm a vehicle that stands on the ground.
 
     Returns:
-        Whether it is disarmed; False when it refuses, because it has just left the ground, or when not all that is known of it
-        (its word, its height, its motion) tells that it stands there.
+        Whether it is disarmed. False if it refuses, because it has just left the ground, or if its reports, height and motion do
+        not
+        all show it on the ground.
     """
     if not session.client.vehicle.armed:
         return True
@@ -374,5 +375,5 @@ def _arm(session: Session, mode: Mode) -> None:
         lambda: session.client.vehicle.armed,
         timeout_s=session.timeouts.start_s,
         what=lambda: "arming was accepted, but the heartbeat does not confirm it",
-        ending=Ending.ARMING_REFUSED,  # a stop of the user waits for it: what is not known to be armed is not disarmed
+        ending=Ending.ARMING_REFUSED,  # the user's stop waits for it: a vehicle that may be unarmed is not disarmed
     )

@@ -1,4 +1,4 @@
-"""Flying a run's mission, or what is left of it, and keeping the record."""
+"""Fly the mission of a run, or the rest of it, and keep the record."""
 
 import math
 import sys
@@ -46,14 +46,14 @@ class FlightOptions:
     """Options of a flight.
 
     Attributes:
-        confirmed: whether a vehicle that is not simulated may be armed.
-        force: whether the track, recording and verdict of an older flight may be replaced.
-        upload_first: whether the vehicle is given the mission before, as one that begins with this process needs it.
-        viewer_url: of a rerun viewer that shows the flight while it goes on.
-        timeouts: how long to wait for the vehicle; None takes the defaults.
+        confirmed: whether a vehicle that may be real may be armed.
+        force: whether to replace the track, recording and verdict of an older flight.
+        upload_first: whether to upload the mission first, as for a vehicle that starts with this process.
+        viewer_url: of a rerun viewer that shows the flight live.
+        timeouts: of the flight; None: the defaults.
         precautions: against breaches and wrong limits.
-        clearance: when the vehicle may start, and fly home, beside others.
-        on_sample: receives the vehicle's position, beside the record.
+        clearance: permission to start, and to fly home, near other vehicles.
+        on_sample: receives the vehicle's position, in addition to the record.
         utc_offset_s: from the link's clock to UTC; None: by the clock of this computer.
         took_off_s: vehicle time of the take-off of a vehicle in the air; None for one on the ground.
     """
@@ -76,23 +76,23 @@ USUAL_FLIGHT = FlightOptions()
 def fly_run(
     run: RunFolder, site: Site, route: Route, to: VehicleLink, user: User, options: FlightOptions = USUAL_FLIGHT
 ) -> tuple[FlightOutcome, dict[str, Any]]:
-    """Fly the route of a run, recording the track as it comes.
+    """Fly the route of a run, and record the track.
 
-    The recording grows with the flight, in the viewer at ``viewer_url`` too; after any end it is written anew, whole,
-    and ``run.json`` has the outcome.
+    The recording grows with the flight, also in the viewer at ``viewer_url``. At the end, it is written again completely, and
+    ``run.json`` has the outcome.
 
     Raises:
-        FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
+        FlightFailedError: the flight did not end as planned; the run folder still has the record.
     """
     require_home(site)
-    compile_mission(site, route)  # a bad leg is found before the vehicle is asked
+    compile_mission(site, route)  # find a bad leg before contacting the vehicle
     refuse_older_flight(run, options)
     with run.reserved(FLIGHT_FILES, force=options.force), connect(to, site) as vehicle:
         return fly_connected(run, site, route, vehicle, user, options)
 
 
 def refuse_older_flight(run: RunFolder, options: FlightOptions) -> None:
-    """Refuse to replace an older flight without ``--force``. Raises OutputError: it was not."""
+    """Refuse to replace an older flight without ``--force``. Raises OutputError."""
     if run.file("track.csv").exists() and not options.force:
         raise OutputError(f"{run}: the run already has a flight; use --resume to continue it, or --force to replace it")
 
@@ -114,10 +114,10 @@ def record_flight(
     run: RunFolder, site: Site, route: Route, user: User, vehicle: Connected, begin: Callable[[Orders], FlightOutcome],
     *, options: FlightOptions,
 ) -> tuple[FlightOutcome, dict[str, Any]]:  # fmt: skip
-    """Let ``begin`` fly, and keep the record in the run folder, which is reserved.
+    """Let ``begin`` fly, and keep the record in the reserved run folder.
 
     Raises:
-        FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
+        FlightFailedError: the flight did not end as planned; the run folder still has the record.
     """
     with (
         SpaceReserve(run.path, record_bytes(route.length_m / site.scenario.vehicle.cruise_speed_m_s)) as reserve,
@@ -178,7 +178,7 @@ def record_flight(
 
 
 def _say_incidents(outcome: FlightOutcome, log: FlightLog, user: User) -> None:
-    """Print what went wrong, ridden out or not, each with its time since the take-off and its evidence."""
+    """Print every incident, also those without consequence, with its time since the take-off and its evidence."""
     for incident in outcome.incidents:
         begin_s, end_s = (None if at is None else log.flown_s(at) for at in (incident.begin_s, incident.end_s))
         begin = "before take-off" if begin_s is None else f"{begin_s:.0f} s"
@@ -239,16 +239,16 @@ def resume_run(
 ) -> tuple[FlightOutcome | None, dict[str, Any]]:
     """Fly the rest of a run's latest flight, from the ground or from the vehicle's position in the air.
 
-    It has a folder of its own inside the run's, with its plan, mission, track and recording. A run of which nothing was flown,
-    such as the one that closes the gaps of another, is flown from where the vehicle is in the air.
+    It has its own folder inside the run's, with its plan, mission, track and recording. A run without a flight, such as one that
+    closes gaps, is flown from the vehicle's position in the air.
 
     Returns:
-        The outcome, None when there was nothing left to fly; and what to tell programs.
+        The outcome, None if nothing was left to fly; and the answer for programs.
 
     Raises:
         InputError: nothing was flown yet, and the vehicle is on the ground.
-        InfeasibleError: there is no checked way to what is left.
-        FlightFailedError: the flight did not end as it should.
+        InfeasibleError: no checked path leads to the rest.
+        FlightFailedError: the flight did not end as planned.
     """
     with run.reserved((), force=True):
         site, planned = read_planned(run)
@@ -291,18 +291,19 @@ def resume_run(
                         options=replace(options, force=True),
                     )  # fmt: skip
                 finally:
-                    if folder.file(TRACK).exists():  # the run knows its flights: one that is taken away later is missed
+                    # the run lists its flights, so that it misses one that is removed later
+                    if folder.file(TRACK).exists():
                         note_files(run, "fly --resume", [f"{folder.path.name}/{TRACK}"], command=command)
     return outcome, {**document, "resumed_at_waypoint": unfinished.broken.waypoint}
 
 
 def commands_after_flight(run: RunFolder, ending: Ending, to: Sequence[object]) -> list[str]:
-    """Commands to run after a flight, one a line; none verifies before everything is flown.
+    """Commands to run after a flight, one per line; ``verify`` only after the last flight.
 
     Args:
-        run: what was flown: a run, a sortie of one, or the mission that closes the gaps of one.
-        ending: how it ended.
-        to: the options that say where the vehicle is.
+        run: the flown run, sortie, or gap mission.
+        ending: of the flight.
+        to: the options with the vehicle's address.
     """
     if ending is Ending.NOT_FLOWN:
         return [to_paste("fly", run, *to, "--force")]
@@ -312,13 +313,14 @@ def commands_after_flight(run: RunFolder, ending: Ending, to: Sequence[object]) 
     for number, sortie in enumerate(whole.sorties(), start=1):
         if not sortie.file(TRACK).is_file():
             words = (whole, "--sortie", number, *to)
-            upload = [] if "mock:" in to else [to_paste("plan-upload", *words)]  # that one is given it as it begins
+            # that one gets its mission at its start
+            upload = [] if "mock:" in to else [to_paste("plan-upload", *words)]
             return [*upload, to_paste("fly", *words)]
     return _verify_in_words(run)
 
 
 def _verify_in_words(run: RunFolder) -> list[str]:
-    """Command that verifies a flight: with the others of its run, or with the flight whose gaps it closes."""
+    """Command that verifies a flight, together with the others of its run or the flight whose gaps it closes."""
     of_gaps = run.path.name == GAP_FOLDER and RunFolder(run.path.parent).file("plan.json").is_file()
     if not of_gaps:
         return [to_paste("verify", whole_run(run))]

@@ -1,4 +1,4 @@
-"""The vehicles of a command or a site: their addresses and links, where they stand, and the terrain heights they ask for."""
+"""The vehicles of a command or a site: addresses, links, homes, and answers to their terrain requests."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -42,7 +42,7 @@ _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
 _SECOND_ANSWER_S = 0.2
 
 ClientName = Literal["native", "mavsdk"]
-"""Who conducts transfers and commands."""
+"""The implementation of transfers and commands."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ class Connected:
     client: Client  # talks to it
     monitor: Monitor  # hears all that the client hears
     autopilot: AutopilotName  # its name in scenarios
-    link: LoggedLink | None = None  # where a telemetry log can listen; None for a client that was made elsewhere
+    link: LoggedLink | None = None  # source of the telemetry log; None for another client
     url: str = ""  # where it is
 
 
@@ -164,7 +164,7 @@ def _ask_who_answers(client: Client) -> None:
 
 
 def home_of(site: Site) -> GeoPoint | None:
-    """Start position of a site's vehicle; None for a site without a position on Earth or without a home."""
+    """Start position of a site's vehicle; None without a position on Earth or without a home."""
     if site.frame is None or site.home_m is None:
         return None
     lat, lon, alt = site.frame.geodetic_from_enu(site.home_m)
@@ -172,7 +172,7 @@ def home_of(site: Site) -> GeoPoint | None:
 
 
 def require_home(site: Site) -> GeoPoint:
-    """Where a site's vehicle starts.
+    """Start position of a site's vehicle.
 
     Raises:
         InputError: the site has no position on Earth or no home, so there is nothing to fly.

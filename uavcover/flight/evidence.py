@@ -1,16 +1,14 @@
-"""Evidence of a vehicle: whether what is known is newer than the last gap, and why it acts by itself.
+"""Evidence about a vehicle: whether its known state is newer than the last gap, and why it acts by itself.
 
-While nothing is heard, a failsafe, a pilot or another ground station can take the vehicle over. What arrives first after a gap
-may have waited in a buffer and be older than the gap. So we request the vehicle's time, with a number of our own (TIMESYNC):
-only what arrives after the answer counts. Until mode, armed state, landed state and mission item are heard again, nothing is
-known, and nothing may be commanded.
+During silence, a failsafe, a pilot or another ground station can take over the vehicle. Messages after a gap may have waited in a
+buffer and be older than the gap. So we request the vehicle's time with our own number (TIMESYNC), and only messages after the
+answer count. Until mode, armed state, landed state and mission item arrive again, the state is unknown, and no command is sent.
 
-A link can fall behind without a gap: every second something arrives, and all of it is old. So the question is asked once a
-second all the time. Where an answer takes longer than the link needs at its best, what arrives with it is as old, and nothing is
-known either.
+A link can fall behind without a gap: messages arrive every second, but all of them are old. So the question is repeated once a
+second. If an answer takes longer than the link needs at its best, the messages with it are as old, and the state is also unknown.
 
 Texts of every severity, PX4's events, SYS_STATUS, EKF_STATUS_REPORT, the state in the heartbeat, jumps of the position and gaps
-of the link are evidence of a cause. Where none of it names one, the cause is unknown, and is said so.
+of the link are evidence of a cause. Without evidence, the cause is reported as unknown.
 """
 
 import math

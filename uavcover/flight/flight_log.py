@@ -1,4 +1,4 @@
-"""The record of a flight while it goes on: the track, the events, the growing recording."""
+"""The record of a flight in progress: the track, the events, the growing recording."""
 
 import contextlib
 import json
@@ -67,12 +67,12 @@ class FlightLog:
 
     Args:
         run: where to.
-        overwrite: whether a track that is there may be replaced.
+        overwrite: whether to replace an existing track.
         user: receives events.
         bar: shows the waypoints, and the vehicle's action.
         route: the planned one.
         site: the scenario on its ground.
-        reserve: room that is kept free for the record until the flight is over.
+        reserve: disk space reserved for the record until the flight ends.
         vehicle: whose battery and link are recorded.
         live: the recording that grows; None for the track alone.
         took_off_s: vehicle time of the take-off; None when it comes.
@@ -113,10 +113,10 @@ class FlightLog:
         return [shown for event in self.events if (shown := _recorded(event)) is not None]
 
     def begin(self) -> None:
-        """Give the files their names: the vehicle is about to be armed.
+        """Rename the files, because the vehicle is about to be armed.
 
         Raises:
-            OutputError, InputError: one of them cannot be written, so the vehicle must stay where it is.
+            OutputError, InputError: a file cannot be written, so the vehicle must stay on the ground.
         """
         for ended in (self._live, self._telemetry):
             if ended is not None and ended.error is not None:
@@ -184,7 +184,7 @@ class FlightLog:
         return None if self._took_off_s is None else time_s - self._took_off_s
 
     def _set_older_flight_aside(self) -> None:
-        """With a copy of the plan that it flew; none of it counts for the flight that begins."""
+        """Move the older flight with a copy of its plan; none of it counts for the new flight."""
         if not any(self._run.file(name).exists() for name in FLIGHT_FILES):
             self._run.remove(VERDICT_FILES)
             return
@@ -200,7 +200,7 @@ class FlightLog:
         self._user.warn(f"moved the previous flight to {older}, a separate run folder")
 
     def take_event(self, event: FlightEvent) -> None:
-        """Tell an event."""
+        """Record an event."""
         self.events.append(event)
         shown = _recorded(event)
         if self._live is not None and shown is not None:
@@ -266,15 +266,15 @@ def _recorded(event: FlightEvent) -> recorded.RecordedEvent | None:
 
 
 class LiveLine:
-    """Mode, waypoint, height above ground, speed, battery, link, distance home, coverage so far and time left, as text.
+    """Mode, waypoint, height above ground, speed, battery, link, distance home, coverage and remaining time, as text.
 
-    Everything but the coverage is read from the latest messages; the coverage is counted elsewhere, in another thread.
+    Everything except the coverage comes from the latest messages. Another thread computes the coverage.
 
     Args:
         site: the scenario on its ground.
         route: the planned one.
-        vehicle: who flies it.
-        covered: the fraction of the area that was observed so far, 0 to 1; None while it is not known.
+        vehicle: the one that flies it.
+        covered: the observed fraction of the area so far, 0 to 1; None if unknown.
     """
 
     def __init__(self, site: Site, route: Route, vehicle: Connected, *, covered: Callable[[], float | None]) -> None:
@@ -285,7 +285,7 @@ class LiveLine:
         self._left = _TimeLeft(site, route.waypoints_m, vehicle) if site.home_m is not None else None
 
     def text(self, sample: TrackSample) -> str:
-        """The line at a sample of the track, about 100 characters long; what is not known is left out."""
+        """The line at a sample of the track, about 100 characters long, without unknown values."""
         if sample.current_waypoint >= 0:
             self._waypoint = sample.current_waypoint
         at_m = np.array([sample.east_m, sample.north_m, sample.up_m])

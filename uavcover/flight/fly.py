@@ -1,4 +1,4 @@
-"""Fly a mission: get ready, check, arm, start, follow, record, land; or return along checked legs."""
+"""Fly a mission: prepare, check, arm, start, follow, record, land; or return along checked legs."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -81,8 +81,8 @@ def fly(
 class Recorder:
     """Makes a sample of each position, with the latest attitude and mission item.
 
-    Positions that come late or twice are left out: the track's time always goes on. Where no attitude of that moment is known it
-    stays unknown; the heading that the position itself tells is taken then.
+    Late and duplicate positions are omitted, so that the track's time always increases. Without a current attitude, the sample
+    has none, only the heading of the position message.
     """
 
     def __init__(
@@ -179,13 +179,13 @@ class FlightRun:
         self.touched = False
 
     def find(self, refuse: Callable[[Session], None]) -> None:
-        """Find the vehicle, and out whether it is simulated.
+        """Find the vehicle, and determine whether it is simulated.
 
         Args:
-            refuse: raises when the vehicle is not as it has to be.
+            refuse: raises if the vehicle does not fit.
 
         Raises:
-            FlightFaultError: it may be real, and the user did not say that it may be flown.
+            FlightFaultError: it may be real, and the user did not permit it to be flown.
             VehicleError: it is not a multirotor, or answers nothing.
         """
         client, monitor = self.session.client, self.session.monitor
@@ -241,7 +241,7 @@ class FlightRun:
         return self.progress
 
     def home(self, plan_return: PlanReturn, cause: Ending | None) -> FlightOutcome:
-        """After the user's stop, a breach, or for the battery's sake: home along checked legs, or left holding.
+        """Return along checked legs after a stop, a breach or a low battery; or leave the vehicle holding.
 
         Raises:
             FlightFaultError: it was a breach, or the return failed.
@@ -328,10 +328,10 @@ class FlightRun:
         )
 
     def ended(self, work: Callable[[], None], plan_return: PlanReturn) -> FlightOutcome:
-        """Do the work, and come home where it is stopped; every failure gets the name of an ending.
+        """Do the work, and return if it is stopped; every failure becomes an ending.
 
         Raises:
-            FlightFailedError: it did not end as it should.
+            FlightFailedError: it did not end as planned.
         """
         session = self.session
         try:

@@ -60,7 +60,7 @@ class Fall:
 
     height_m: float  # from where
     above: str  # above what: the ground, or home where the ground is not known
-    sink_m_s: float  # how fast it was seen to sink
+    sink_m_s: float  # measured sink rate
 
     def __str__(self) -> str:
         """For people."""
@@ -119,7 +119,7 @@ class GroundContact:
 
     @property
     def says_landed(self) -> bool | None:
-        """The vehicle's landed state; None when it does not report one."""
+        """The vehicle's landed state; None without a report."""
         return self._said
 
     @property
@@ -130,9 +130,9 @@ class GroundContact:
     def on_ground(self, now_s: float | None) -> bool | None:
         """Whether it stands on the ground at ``now_s``.
 
-        True only when its word, its height and its motion have agreed for a while; False when it says that it flies, or moves as
-        no vehicle on the ground does; None when it does not say, or when its word, alone, is not borne out: by a height of more
-        than a few metres above the ground (above home, where the ground is not known), or for want of positions.
+        True only after its report, height and motion have agreed for a while. False if it reports flight, or moves as no vehicle
+        on the ground does. None without a report, or if its report alone is contradicted: by a height of more than a few metres
+        above the ground (above home if the ground is unknown), or by missing positions.
         """
         if self._said is not True:
             return self._said
@@ -171,7 +171,7 @@ class GroundContact:
         return len(recent) > 1 and self._is_still(recent)
 
     def lies(self, now_s: float | None) -> bool:
-        """Whether a disarmed vehicle is on the ground, also where it says that it flies: it is at rest near it."""
+        """Whether a disarmed vehicle lies on the ground: it is at rest near it, even if it reports flight."""
         return self.is_still(now_s) and abs(self.height_m) <= GROUND.near_m
 
     def _since(self, now_s: float | None, window_s: float) -> list[_Place]:

@@ -1,9 +1,8 @@
 """Limits of a flight: the plan's assumptions against the vehicle's parameters, which may be set and put back.
 
-Settings that would interrupt the flight, drain the battery or spoil what is seen prevent arming. Others are warnings: the mission
-itself does not need them. Which parameter is which stands in data, see :mod:`uavcover.flight.parameter_rules`. Parameters are
-set only if the user wants that. They are read and written as plain numbers in their own units; PX4 transmits the bits of its
-integers as if they were floats.
+Settings that would interrupt the flight, drain the battery or spoil the observations prevent arming. Others cause warnings. The
+data classifies the parameters, see :mod:`uavcover.flight.parameter_rules`. Parameters are set only if the user agrees. They are
+read and written as plain numbers in their own units; PX4 transmits the bits of its integers as if they were floats.
 """
 
 import math
@@ -31,7 +30,7 @@ _TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
 
 
 def parameter_groups(*, px4: bool) -> list[list[str]]:
-    """The names to ask for; of each group the vehicle has one, or none."""
+    """The names to request; the vehicle has at most one of each group."""
     return [[name for name, _ in row.names] for row in parameter_table(px4=px4).rows]
 
 
@@ -47,7 +46,7 @@ def limit_table(
 
     Args:
         values: the vehicle's parameters that are known, in their own units.
-        plan: what is to be flown.
+        plan: of the flight.
         px4: whether the vehicle is one; else ArduPilot.
         home_alt_amsl_m: the vehicle's home; None if unknown.
         own_system: our own system id.
@@ -287,7 +286,7 @@ class AppliedLimits:
         self.values: dict[str, float] = {}
 
     def put_back_older(self) -> None:
-        """Put back what a flight that was killed has left changed."""
+        """Restore parameters that an interrupted flight left changed."""
         if self._precautions.left_changed:
             self._before = dict(self._precautions.left_changed)
             self._session.tell(
@@ -296,10 +295,10 @@ class AppliedLimits:
             self.put_back()
 
     def check(self, plan: FlightPlan) -> None:
-        """Tell the table, and change what the plan needs if the user agrees.
+        """Report the table, and make the changes that the plan needs if the user agrees.
 
         Raises:
-            FlightFaultError: the vehicle would not fly the plan to its end.
+            FlightFaultError: the vehicle would not complete the plan.
         """
         self._read(plan)
         changes = {row.parameter: row for row in self.rows if row.wanted is not None}
@@ -316,14 +315,14 @@ class AppliedLimits:
             raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; the vehicle was not armed: {advice}")
 
     def look(self, plan: FlightPlan) -> None:
-        """Tell the table of a vehicle in the air: what would have kept it on the ground is an alarm."""
+        """Report the table of a vehicle in the air: differences that would have prevented arming are alarms."""
         self._read(plan)
         for row in self.rows:
             if row.weight in (Weight.WARNING, Weight.REFUSED):
                 self._session.tell(EventKind.WARNING, row.sentence, alarm=row.weight is Weight.REFUSED)
 
     def put_back(self) -> None:
-        """Put the old values back; what cannot be is reported, and stays kept for the next time."""
+        """Restore the old values; report failures, and keep them for the next time."""
         session = self._session
         if not self._before:
             return

@@ -46,12 +46,12 @@ GUARD = data_table(_Guard, "uavcover/data/flight.toml", "guard")
 class ListReading:
     """Compare a list of the vehicle with the expected one at each sign of a change, and periodically.
 
-    Positions that arrive meanwhile are recorded as ever, and what has to be looked at all the time is looked at. The user's
-    stop or pause ends a reading at once. One that fails is tried again, later each time.
+    Positions that arrive meanwhile are recorded as usual, and continuous checks go on. The user's stop or pause ends a reading at
+    once. A failed reading is repeated, later each time.
 
     Attributes:
-        held: what it held when it was read last.
-        asked: whether it is to be read as soon as possible.
+        held: the list at the last reading.
+        asked: whether to read it as soon as possible.
     """
 
     def __init__(
@@ -234,7 +234,7 @@ class MissionGuard:
             self._read_back()
 
     def look_once_more(self) -> None:
-        """After the landing: a change of the last minute is one, too. A vehicle that is switched off by then is not asked."""
+        """Check again after the landing: a change in the last minute counts. A vehicle that is off is not asked."""
         if self._session.watch.is_open(Ending.MISSION_CHANGED):
             return
         try:
@@ -298,7 +298,7 @@ class MissionGuard:
         return None
 
     def look_at_place(self) -> None:
-        """Look whether the vehicle is near its leg; called in the air, in its mission, a hold or an unknown mode."""
+        """Check the distance to the leg; called in the air, in its mission, a hold or an unknown mode."""
         session, off_m = self._session, self._progress.off_leg_m
         watch = session.watch
         if watch.is_open(Ending.POSITION_LOST):

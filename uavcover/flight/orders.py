@@ -69,7 +69,7 @@ class PlanNeeds:
 
     pace: Pace  # its speeds and acceleration
     return_height_m: float  # height above home at which a straight return was checked
-    fence: bool  # whether it has a fence that must be active
+    fence: bool  # whether it requires an active fence
     camera_turns: bool = False  # whether the camera turns with the vehicle, and so with its legs
     # what the mission may take, its endurance less the reserve; None where there is no limit
     longest_flight_s: float | None = None
@@ -97,14 +97,14 @@ class FlightPlan:
 
     mission: Mission  # the mission as it was uploaded; the vehicle's is compared with it before arming
     first_waypoint_item: int  # index in ``mission.items`` of the first planned waypoint
-    waypoint_count: int  # how many planned waypoints there are from it on
+    waypoint_count: int  # number of planned waypoints from it on
     frame: LocalFrame  # the scenario's local frame, for the track
     home: GeoPoint  # where the mission was planned to start
-    ground_alt_amsl_m: float | None = None  # height of the terrain at ``home``, or none when there is no terrain
-    ground_at: GroundAt | None = None  # height of the terrain anywhere, or none when there is no terrain
+    ground_alt_amsl_m: float | None = None  # height of the terrain at ``home``; None without terrain
+    ground_at: GroundAt | None = None  # height of the terrain anywhere; None without terrain
     # largest distance of the vehicle's home from the planned one, over ground and in height
     max_home_error_m: float = 10.0
-    passed_before: int = 0  # how many planned waypoints were passed before the flight, where it goes on with a mission
+    passed_before: int = 0  # number of planned waypoints that an earlier flight passed
     acceptance_radius_m: float = 3.0  # distance within which a planned waypoint counts as passed
     max_climb_m_s: float | None = None  # upward speed that the plan assumes; None when it assumes none
     max_descent_m_s: float | None = None  # downward speed that the plan assumes
@@ -117,10 +117,10 @@ class FlightPlan:
     returns: OwnReturns | None = None  # judges the vehicle's own returns by its parameters; None skips the check
 
     def way_home(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
-        """The plan of a return that the vehicle holds now, without planned waypoints.
+        """The plan of a return that the vehicle now holds, without planned waypoints.
 
         Args:
-            mission: as it was sent.
+            mission: as sent.
             home_up_m: how much higher than planned the vehicle's home is.
         """
         home = replace(self.home, alt_amsl_m=self.home.alt_amsl_m + home_up_m)
@@ -131,7 +131,7 @@ class FlightPlan:
 
     @property
     def is_way_home(self) -> bool:
-        """Whether it only leads home."""
+        """Whether it is only a return."""
         return self.waypoint_count == 0
 
     @property
@@ -261,8 +261,8 @@ class Phase(Enum):
 class PolicyCell:
     """One cell of the table."""
 
-    simulated: OnBreach  # what is done with a vehicle that is proved to be simulated
-    real: OnBreach  # what is done with any other
+    simulated: OnBreach  # reaction of a vehicle that is proved to be simulated
+    real: OnBreach  # reaction of any other vehicle
     choice: bool  # whether the user's ``--on-breach`` replaces it
     reason: str  # why, for the documentation
 
@@ -325,9 +325,9 @@ class Orders:
     # whether the user wants the vehicle to hold its place; it continues when this turns false
     pause: Callable[[], bool] = lambda: False
     confirmed: bool = False  # whether the user confirmed that a vehicle that may be real may be flown
-    timeouts: FlightTimeouts | None = None  # how long to wait for what; None takes the defaults
-    precautions: Precautions = USUAL  # what to do before the flight, and when something goes wrong
-    clearance: Clearance = ALONE  # when it may start, and fly home, beside other vehicles
+    timeouts: FlightTimeouts | None = None  # timeouts; None: the defaults
+    precautions: Precautions = USUAL  # precautions before the flight and on failures
+    clearance: Clearance = ALONE  # permission to start, and to fly home, near other vehicles
     # from the link's clock to UTC, for the times of arrival in the track; NaN where there is no such clock
     utc_offset_s: float = math.nan
 

@@ -1,7 +1,7 @@
 """Autopilot parameters that change our commands or missions, with their required values, read from data.
 
 ``uavcover/data/parameters_*.toml`` has a row for each parameter, with the reason of the decision. A rule compares the vehicle's
-value with numbers or with facts of the plan; the first case that fits says how much it matters that the rule is broken.
+value with numbers or with facts of the plan. The first case that fits gives the severity of a broken rule.
 """
 
 import math
@@ -48,11 +48,11 @@ class Limit:
     """A row of the table."""
 
     what: str  # for people
-    planned: float | None  # what the plan counts on, in ``unit``; None where it does not say
-    vehicle: float  # what the vehicle says, in ``unit``
+    planned: float | None  # the plan's assumption, in ``unit``; None without one
+    vehicle: float  # the vehicle's value, in ``unit``
     unit: str  # of both; empty for a setting's number
     parameter: str  # the vehicle's; empty for what is no parameter
-    weight: Weight  # how much the difference matters
+    weight: Weight  # severity of the difference
     matters: str  # why
     # what the plan needs the parameter to be, in the parameter's own unit; None for nothing
     wanted: float | None = None
@@ -131,7 +131,7 @@ class RuleCase:
     """Weight of a broken rule, under conditions."""
 
     weight: Weight  # how much
-    says: str  # what comes of it, for people; a fact in braces is filled in
+    says: str  # the consequence, as text; a fact in braces is filled in
     when: tuple[RuleCondition, ...] = ()  # what has to be so besides
     # what the plan needs the parameter to be: a fact, a number, a fact with a number added and rounded away from it, or
     # bits to set (``|4``) or to clear (``~4``); empty for nothing
@@ -163,16 +163,16 @@ class ParameterRow:
     unit: str = ""  # ours; empty for a setting's number
     doing: str = ""  # what the vehicle does at such a speed, for people
     planned: str = ""  # the fact in the table's column; empty for none, and for the rule's own
-    default: float = 0.0  # what counts where the vehicle does not say
+    default: float = 0.0  # assumed value without a report
     shown: bool = False  # whether the table before arming has it even when it is as planned
     returns: bool = False  # whether it changes the autopilot's own return
     other_version: bool = False  # whether the autopilot's current version does not have it
-    applies: tuple[RuleCondition, ...] = ()  # what has to be so for the rule to count
+    applies: tuple[RuleCondition, ...] = ()  # conditions under which the rule applies
     moot: str = ""  # what the table says when it does not count; empty is not to have the row
-    rule: RuleCondition | None = None  # what has to be so; None only to watch it in flight
-    worse: tuple[RuleCase, ...] = ()  # what breaking the rule means, the first that fits
-    fine: str = ""  # what the table says when it is so
-    flown: str = ""  # what breaking the rule in flight means besides, at once
+    rule: RuleCondition | None = None  # required condition; None only to watch it in flight
+    worse: tuple[RuleCase, ...] = ()  # consequences of breaking the rule; the first that fits counts
+    fine: str = ""  # text of the table if the rule holds
+    flown: str = ""  # additional consequence of breaking the rule in flight
     set_by: Command | None = None  # the mission's command whose first parameter the autopilot stores here
 
 

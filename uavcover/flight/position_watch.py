@@ -47,7 +47,7 @@ class HomeWatch:
         px4: whether it is one; else ArduPilot.
 
     Attributes:
-        moved_up_m: by how much home is higher than when it was checked; 0 for what a barometer's error explains.
+        moved_up_m: rise of home since its check; 0 within a barometer's error.
     """
 
     def __init__(self, session: Session, plan: FlightPlan, *, px4: bool) -> None:

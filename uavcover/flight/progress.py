@@ -46,17 +46,17 @@ RESUME = data_table(_Resume, "uavcover/data/flight.toml", "resume")
 class Passage:
     """Counts the planned waypoints that were passed, from the vehicle's reports and its position.
 
-    A waypoint counts when the vehicle goes on from it to the very next one, or comes near it while it says that it flies to it
-    or to a later one; the last one also when the vehicle is near it as it goes on to something else. A jump over waypoints, as
+    A waypoint counts if the vehicle continues from it to the next one, or comes near it while it reports flying to it or to a
+    later one. The last one also counts if the vehicle is near it when it continues to something else. A jump over waypoints, as
     when another ground station sets the current item, passes none of them.
 
     Args:
         waypoints_m: (n, 3) ENU, the planned waypoints.
-        radius_m: how near is near.
+        radius_m: largest distance that counts as near.
 
     Attributes:
         reached: number of waypoints passed, counted from the first.
-        number: the waypoint that was flown to at the last update; -1 for none.
+        number: target waypoint at the last update; -1 for none.
     """
 
     def __init__(self, waypoints_m: FloatArray, *, radius_m: float) -> None:
@@ -282,7 +282,7 @@ _WAITS = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
 
 @dataclass(frozen=True, slots=True)
 class Timetable:
-    """When a flight is planned to be where."""
+    """Planned times of a flight."""
 
     legs_m: dict[int, FloatArray]  # the leg to each place, by the index of its item: (2, 3) ENU
     begins_s: dict[int, float]  # when each leg is begun, by the index of its item, in seconds after take-off
@@ -330,7 +330,7 @@ def _wait_s(command: int, seconds: float) -> float:
 
 
 def tell_short_battery(session: Session, plan: FlightPlan) -> None:
-    """Warn, before arming, of a battery that does not last for the mission above its reserve; it would fly home early."""
+    """Warn before arming that the battery is too small for the mission and its reserve."""
     needs, status = plan.needs, session.monitor.latest(SysStatus)
     vehicle, table = (None, None) if needs is None else (needs.vehicle, timetable(plan, needs.pace))
     left = None if status is None else status.battery_remaining_percent

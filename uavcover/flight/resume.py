@@ -1,4 +1,4 @@
-"""Go on with a flight that ended before its plan: what is left of it, and how a vehicle in the air takes it up."""
+"""Continue a flight that ended before its plan: its remaining route, from the ground or in the air."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -60,7 +60,7 @@ def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float)
     jump passes nothing (see :class:`Passage`).
 
     Args:
-        track: what was flown; its waypoint numbers are those of the route.
+        track: the flown track; its waypoint numbers are those of the route.
         waypoints_m: (n, 3) ENU, the planned route.
         radius_m: the vehicle's acceptance radius.
     """
@@ -87,17 +87,16 @@ def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float)
 def remaining_route(
     waypoints_m: FloatArray, broken: ResumePoint, *, radius_m: float, sees_along_legs: bool
 ) -> FloatArray:
-    """(k, 3) ENU: what is left of a planned route.
+    """(k, 3) ENU: the rest of a planned route.
 
-    A sensor that looks along the path has to fly the rest of the leg that was left, too: the route begins on that leg, a
-    little before the place where it was left, because a vehicle cuts its first corner. The leg was checked at its full length
-    and so was every part of it.
+    A sensor that observes along the path must also fly the rest of the interrupted leg. The route begins on that leg, slightly
+    before the interruption, because a vehicle cuts its first corner. Every part of a checked leg is checked.
 
     Args:
         waypoints_m: (n, 3) ENU, the planned route.
-        broken: where it was left.
+        broken: where it was interrupted.
         radius_m: the vehicle's acceptance radius.
-        sees_along_legs: whether the sensor looks between the waypoints, too.
+        sees_along_legs: whether the sensor also observes between waypoints.
     """
     left = waypoints_m[broken.waypoint :]
     if not sees_along_legs or broken.waypoint == 0 or len(left) == 0:

@@ -67,8 +67,8 @@ class Session:
 
     Attributes:
         watch: watches for failures.
-        evidence: whether what is known of the vehicle is newer than the last gap.
-        on_breach: what the user wants done on a breach; None leaves it to the policy.
+        evidence: whether the known state is newer than the last gap.
+        on_breach: the user's reaction to a breach; None: that of the policy.
         photos_required: whether a camera that reports no photo at all is an alarm too.
         simulated: whether the vehicle is proved to be simulated.
         paused: whether the vehicle was commanded to hold on its way and has not continued since.
@@ -79,7 +79,7 @@ class Session:
         client: Client,  # talks to the vehicle
         monitor: Monitor,  # hears what the client hears
         *,
-        timeouts: FlightTimeouts,  # how long to wait for what
+        timeouts: FlightTimeouts,  # timeouts
         on_event: Callable[[FlightEvent], None],  # called with every event
         stop: Callable[[], int],  # how often the user has asked to stop
         pause: Callable[[], bool] = lambda: False,  # whether the user wants the vehicle to wait where it is
@@ -316,10 +316,10 @@ class Session:
 
     def wait(
         self,
-        done: Callable[[], bool],  # looks at the monitor
+        done: Callable[[], bool],  # reads the monitor
         *,
         timeout_s: float,  # longest time to wait, vehicle time where the vehicle tells it
-        what: Callable[[], str],  # what does not happen, for the error
+        what: Callable[[], str],  # the missing event, for the error
         stops_before: int | None = None,  # how many stops of the user are known already; None is not to look
         ending: Ending = Ending.FAILED,  # the name of it when it took too long
     ) -> None:
