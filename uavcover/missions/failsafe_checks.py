@@ -1,4 +1,4 @@
-"""Judge the paths that an autopilot flies by itself as legs are judged. Report the intervals where they are unsafe."""
+"""Check the autopilot's own paths like legs, and report the intervals in which they are unsafe."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -48,7 +48,7 @@ class HeightSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ReturnLimits:
-    """Limits by which the paths are judged."""
+    """Limits for the paths."""
 
     frame: LocalFrame | None  # of the positions; None where up is the height above sea level
     heights: HeightSource  # above what the paths keep their clearance
@@ -129,7 +129,7 @@ def judge_paths(
 
 
 class _Judged:
-    """The dangers of the paths of one response: for each, (n,) whether, how much, where."""
+    """The dangers of the paths of one response; for each, (n,) whether it exists, its size and its position."""
 
     def __init__(self, paths: FailsafePaths, states: FlightStates, limits: ReturnLimits) -> None:
         self._paths, self._states, self._limits = paths, states, limits
@@ -160,7 +160,7 @@ class _Judged:
         states, paths = self._states, self._paths
         for danger, bad, badness, values, places, name in self._found:
             numbers = np.flatnonzero(bad)
-            # fewer moments between two intervals do not separate them: at a waypoint the vehicle stops elsewhere
+            # fewer moments do not separate two intervals, because at a waypoint the vehicle stops elsewhere
             for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 3) + 1):
                 if not len(run):
                     continue
@@ -251,7 +251,7 @@ class _Judged:
         return pairs.reshape(-1, 2, 3), np.repeat(np.arange(self._n), len(legs))
 
     def _judged_legs(self) -> list[int]:
-        """All but the column in which it lands at home: the mission lands there too."""
+        """All legs except the vertical one in which it lands at home, as the mission does."""
         lands = self._stages[-1] == "land" and bool((self._paths.destinations == HOME).all())
         return list(range(self._k - 1 - lands))
 
@@ -280,7 +280,7 @@ class _Judged:
         points = self._line.reshape(self._n, self._k + 1, 3)[:, : self._k]
         shapely.prepare(fence)
         starts_inside = shapely.covers(fence, shapely.points(points[:, 0, :2]))
-        # a route that leaves the fence is reported as such: its returns begin where it is, not where it would come to rest.
+        # a route that leaves the fence has its own report: its returns begin at its position, not where it would stop.
         stops_outside = ~np.asarray(shapely.covers(fence, shapely.points(points[:, 1, :2])))
         at_stop = (points[:, :, :2] == points[:, 1:2, :2]).all(axis=2) & stops_outside[:, None]
         level = np.where(at_stop[..., None], points[:, :1, :2], points[:, :, :2])

@@ -32,12 +32,12 @@ GroundHeights = Callable[[FloatArray], FloatArray]
 def predict(
     settings: FailsafeSettings, states: FlightStates, to: Destinations, ground: GroundHeights
 ) -> list[FailsafePaths]:
-    """The paths of every response that the parameters enable, equal ones together.
+    """The paths of every response that the parameters enable; equal ones together.
 
     Args:
-        settings: what the parameters mean.
-        states: from where.
-        to: where to.
+        settings: meaning of the parameters.
+        states: begin of the paths.
+        to: their destinations.
         ground: heights of the ground, for landings and for returns over terrain.
     """
     ways: dict[tuple[str, bool], list[Response]] = {}
@@ -61,7 +61,7 @@ def direct_return(
 
 
 def wings_return(
-    settings: FailsafeSettings,  # what the parameters mean; of ArduPlane the return height and those of rally points
+    settings: FailsafeSettings,  # meaning of the parameters; for ArduPlane the return height and those of rally points
     states: FlightStates,  # from where
     to: Destinations,  # where to
     ground: GroundHeights,  # heights of the ground
@@ -69,7 +69,7 @@ def wings_return(
     climb_slope: float,  # rise per metre
     descent_slope: float,  # fall per metre
 ) -> FailsafePaths:
-    """The commanded return of an aircraft on wings: it climbs or descends on the way, and circles above the destination."""
+    """The commanded return of a fixed-wing aircraft: it climbs or descends on the way, and circles above the destination."""
     model = _Model(settings, states, to, ground, holds=False)
     number, target, wanted = model.wings_destination()
     at = states.places_m
@@ -113,7 +113,7 @@ class _Model:
         return self._px4_ways() if self._is_px4 else self._direct_ways()
 
     def _smart_ways(self, otherwise: list[FailsafePaths]) -> list[FailsafePaths]:
-        """SmartRTL, and what ArduCopter does where its buffer was full or its position bad; that alone without a buffer."""
+        """SmartRTL, and ArduCopter's reaction to a full buffer or a bad position; only the latter without a buffer."""
         if min(self._get["smart_points"], self._get["smart_accuracy_m"]) <= 0.0:
             return otherwise
         return [self._retrace(), *(replace(one, note=one.note or "if there is no SmartRTL path") for one in otherwise)]
@@ -158,7 +158,7 @@ class _Model:
             climbed = level[:, 0]
         else:
             level = np.stack([climbed, _lifted(target, up)], axis=1)
-        # The mission's landing knows nothing of RTL_DESCEND_ALT and RTL_LAND_DELAY.
+        # The mission's landing ignores RTL_DESCEND_ALT and RTL_LAND_DELAY.
         final = np.where(by_mission, level[:, -1, 2], self._final_alt(target, level[:, -1, 2]))
         ends = _lifted(target, final)
         lands = self._lands() | by_mission
@@ -202,7 +202,7 @@ class _Model:
         return np.asarray(np.maximum(level, vertical), float)
 
     def _stopping_points(self) -> FloatArray:
-        """(n, 3) where it comes to rest when it brakes."""
+        """(n, 3) positions at which it comes to rest."""
         velocity = self._states.velocities_m_s
         speed, a = np.hypot(*velocity.T), self._get["acceleration_m_s2"]
         if self._is_px4:
@@ -216,7 +216,7 @@ class _Model:
         return np.column_stack([self._at[:, :2] + way[:, None] * unit, self._at[:, 2]])
 
     def _column(self, stage: Stage, note: str = "") -> FailsafePaths:
-        """It stops, and lands there or stays."""
+        """It stops, and lands or stays there."""
         end = _lifted(self._stop, self._landing_alt(self._stop)) if stage == "land" else self._stop
         points = np.stack([self._at, self._stop, end], axis=1)
         return self._made(points, ("stop", stage), np.full(self._n, IN_PLACE), note)
@@ -303,7 +303,7 @@ class _Model:
         return number, target, np.where(number == HOME, up, target[:, 2])
 
     def _destination(self) -> tuple[IntArray, FloatArray, BoolArray]:
-        """Number and (n, 3) place of what is returned to, and whether it is the mission's landing."""
+        """Number and (n, 3) position of the destination of a return, and whether it is the mission's landing."""
         if self._is_px4:
             return px4_destination(self._get, self._to, self._stop if self._holds else self._at)
         return *ardupilot_destination(self._get, self._to, self._at), np.zeros(self._n, dtype=bool)

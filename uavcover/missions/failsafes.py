@@ -1,6 +1,6 @@
-"""Failsafes of an autopilot, where a vehicle can return to, and the paths of its returns, as data.
+"""Failsafes of an autopilot, the destinations of a vehicle, and the paths of its returns, as data.
 
-Rules and names of parameters are in ``data/failsafes.toml``. Positions are (east, north, height above sea level):
+Rules and names of parameters are in ``data/failsafes.toml``. Positions are (east, north, height above sea level), because
 autopilots keep a level above the sea.
 """
 
@@ -35,7 +35,7 @@ class Response:
     """Failsafe response of a vehicle."""
 
     action: Action  # what it does
-    # what makes it do so, for people; "commanded" for a return that the pilot or the ground station asks for
+    # the reason, as text; "commanded" for a return that the pilot or the ground station requests
     trigger: str
     parameter: str = ""  # that decides it; empty where it is commanded
     value: int = 0  # of that parameter
@@ -101,7 +101,7 @@ def failsafe_settings(
 
 
 def failsafe_parameter_groups(autopilot: AutopilotName) -> list[list[str]]:
-    """The names to ask a vehicle for; of each group it has one, or none."""
+    """The parameters to request from a vehicle, which has at most one of each group."""
     table = _tables()[autopilot]
     groups = [list(row["names"]) for row in table["settings"].values()]
     singles = {rule["parameter"] for rule in table["failsafes"]}
@@ -119,7 +119,7 @@ def _tables() -> Mapping[str, Any]:
 
 
 def _check(autopilot: str, table: Mapping[str, Any]) -> None:
-    """Refuse a table that says less, or more, than is understood."""
+    """Refuse a table with missing or unknown keys."""
     for name, row in table["settings"].items():
         if set(row) != _SETTING_KEYS or not row["names"] or not all(scale > 0.0 for scale in row["names"].values()):
             raise UavcoverError(f"{_TABLE}: {autopilot}.settings.{name}: set names, factors above 0 and a default")

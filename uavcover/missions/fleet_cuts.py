@@ -1,14 +1,14 @@
 """Split a route into flights and allocate them to several vehicles, for the earliest last landing.
 
 A cut with a limit on the time of a flight is the split of least total time under that limit (``kernels/way_cost.py``). Many
-limits are tried; each cut's flights are shared out by branch and bound, which begins with the longest flight first (LPT, Graham
-1969, doi 10.1137/0117039); the best few, and even cuts, are improved by moving, removing and adding single cuts. Among cuts that
-are done equally soon the one of least total time is taken. ``tests/naive/fleet.py`` tries everything, on small cases: all of 622
+limits are tried. The flights of each cut are allocated by branch and bound, starting from the longest flight first (LPT, Graham
+1969, doi 10.1137/0117039). The best few cuts, and even ones, are improved by moving, removing and adding single cuts. Among cuts
+with equal makespan, the one with the least total time wins. ``tests/naive/fleet.py`` tries everything, on small cases: all of 622
 random ones were found.
 
-Cuts for vehicles that differ begin with the splits that each vehicle would have by itself, and with those of a vehicle that has
-the best of all of them. Their flights are shared out longest first, to whom they end earliest, and then moved and exchanged while
-that helps.
+Cuts for different vehicles start from the splits of each vehicle, and from those of an ideal vehicle with the best values of all.
+Their flights are allocated longest first, each to the vehicle that finishes it earliest, and then moved and exchanged while that
+helps.
 """
 
 import itertools
@@ -47,7 +47,7 @@ FlightsOfVehicles = Sequence[tuple[int, int, int]]
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """Flights shared out among vehicles."""
+    """Flights allocated to vehicles."""
 
     makespan_s: float  # from the first take-off to the last landing
     vehicle_of: tuple[int, ...]  # number of its vehicle, from 0, for each flight
@@ -57,11 +57,11 @@ class Shared:
 def share_out(
     durations_s: Sequence[float], vehicles: int, turnaround_s: float, *, spacing_s: float = 0.0, nodes: int = _NODES
 ) -> Shared:
-    """Share out flights among equal vehicles, so that the last landing is as early as can be found.
+    """Allocate flights to equal vehicles, for the earliest last landing that can be found.
 
     Args:
         durations_s: of the flights.
-        vehicles: how many there are.
+        vehicles: number of vehicles.
         turnaround_s: between two flights of one vehicle.
         spacing_s: between the first take-offs of two vehicles.
         nodes: number of branches after which the incumbent is the answer.
@@ -99,7 +99,7 @@ class _Assignment:
         self.least_s = max(max(self.jobs_s), evenly_s(math.fsum(self.jobs_s), self.ready_s))
 
     def longest_first(self) -> None:
-        """Each flight to the vehicle that is free first."""
+        """Allocate each flight to the vehicle that is free first."""
         for job, time_s in enumerate(self.jobs_s):
             vehicle = min(range(len(self.loads_s)), key=self.loads_s.__getitem__)
             self.loads_s[vehicle] += time_s
@@ -108,7 +108,7 @@ class _Assignment:
         self.loads_s = list(self.ready_s)
 
     def end_s(self, vehicle_of: list[int]) -> float:
-        """Time at which the last vehicle that flies at all is done."""
+        """Time at which the last vehicle that flies finishes."""
         ends_s = {vehicle: self.ready_s[vehicle] for vehicle in vehicle_of}
         for time_s, vehicle in zip(self.jobs_s, vehicle_of, strict=True):
             ends_s[vehicle] += time_s
@@ -168,7 +168,7 @@ def fleet_cuts(costs: FlightCosts, *, vehicles: int, turnaround_s: float, spacin
 
 
 class CutSearch:
-    """Cuts with what they are worth; every flight is timed once."""
+    """Cuts with their values; every flight is timed once."""
 
     def __init__(self, costs: FlightCosts, vehicles: int, turnaround_s: float, spacing_s: float) -> None:
         self._costs, self._vehicles, self._turnaround_s, self._spacing_s = costs, vehicles, turnaround_s, spacing_s
@@ -183,7 +183,7 @@ class CutSearch:
         return self._times_s[key]
 
     def shared(self, cuts: Cuts) -> Shared:
-        """The flights of a cut, shared out once; infinite where a flight is not permitted."""
+        """The allocated flights of a cut, computed once; infinite if a flight is not permitted."""
         if cuts not in self._shared:
             self._shared[cuts] = self._share_out(cuts)
         return self._shared[cuts]
@@ -200,7 +200,7 @@ class CutSearch:
         return _rounded(shared.makespan_s), _rounded(shared.total_s)
 
     def bound_s(self, cuts: Cuts) -> float:
-        """No sharing out is done sooner."""
+        """Lower bound on the makespan of any allocation."""
         times = [self.time_s(*flight) for flight in cuts]
         ready_s = [self._spacing_s * k for k in range(self._vehicles)]
         each_s = evenly_s(math.fsum(times) + self._turnaround_s * len(times), ready_s) - self._turnaround_s
@@ -233,7 +233,7 @@ class CutSearch:
         return found
 
     def even(self, flights: int) -> Cuts:
-        """``flights`` flights, or as many as possible, of about the same time on the route."""
+        """``flights`` flights, or as many as possible, with similar times on the route."""
         so_far_s, shared = self._costs.so_far_s, self._costs.shared
         n = len(so_far_s)
         targets = so_far_s[-1] * np.arange(1, flights) / flights
@@ -242,11 +242,11 @@ class CutSearch:
         return tuple(zip([0, *(end + 1 - shared for end in ends[:-1])], ends, strict=True))
 
     def best(self, cuts: Iterable[Cuts]) -> list[Cuts]:
-        """The few that are worth improving."""
+        """The few cuts that are worth improving."""
         return sorted(set(cuts), key=lambda c: (self.value(c), c))[:_IMPROVED]
 
     def is_possible(self, cuts: Cuts) -> bool:
-        """Whether each of the flights may be flown."""
+        """Whether each of the flights is permitted."""
         return self.value(cuts)[0] < 0.5 * _IMPOSSIBLE_S
 
     def _split(self, longest_s: float) -> Cuts | None:
@@ -288,17 +288,17 @@ class CutSearch:
 
 
 def _rounded(seconds: float) -> float:
-    """So that rounding errors of sums do not choose between equal cuts."""
+    """Rounded, so that rounding errors of sums do not choose between equal cuts."""
     return round(seconds, 6)
 
 
 def share_out_unlike(times_s: Sequence[Sequence[float]], *, turnaround_s: float, ready_s: Sequence[float]) -> Shared:
-    """Share out flights among vehicles that differ.
+    """Allocate flights to different vehicles.
 
     Args:
-        times_s: for each flight, how long each vehicle takes; infinite where it cannot fly it, which counts as ``_IMPOSSIBLE_S``.
+        times_s: for each flight, the time of each vehicle; infinite if it cannot fly it, which counts as ``_IMPOSSIBLE_S``.
         turnaround_s: between two flights of one vehicle.
-        ready_s: when each vehicle may take off first.
+        ready_s: earliest first take-off of each vehicle.
     """
     jobs_s = [[time_s + turnaround_s if math.isfinite(time_s) else _IMPOSSIBLE_S for time_s in row] for row in times_s]
     vehicles = range(len(ready_s))
@@ -385,7 +385,7 @@ def _best_of(costs: Sequence[FlightCosts]) -> FlightCosts:
 
 
 class _UnlikeCutSearch(CutSearch):
-    """Cuts with what they are worth to vehicles that differ."""
+    """Cuts with their values for different vehicles."""
 
     def __init__(self, costs: Sequence[FlightCosts], turnaround_s: float, ready_s: Sequence[float]) -> None:
         super().__init__(costs[0], len(costs), turnaround_s, 0.0)
@@ -397,7 +397,7 @@ class _UnlikeCutSearch(CutSearch):
         return share_out_unlike(times_s, turnaround_s=self._turnaround_s, ready_s=self._ready_s)
 
     def bound_s(self, cuts: Cuts) -> float:
-        """No sharing out is done sooner."""
+        """Lower bound on the makespan of any allocation."""
         least_s = [min(self._row(*flight)) for flight in cuts]
         least_s = [time_s if math.isfinite(time_s) else _IMPOSSIBLE_S for time_s in least_s]
         work_s = math.fsum(least_s) + self._turnaround_s * len(cuts)
@@ -411,7 +411,7 @@ class _UnlikeCutSearch(CutSearch):
 
 
 class _OneAtATime(_UnlikeCutSearch):
-    """Cuts whose flights follow each other: each is that of the vehicle that takes least for it."""
+    """Cuts with consecutive flights: each is allocated to the vehicle that flies it fastest."""
 
     def _share_out(self, cuts: Cuts) -> Shared:
         rows = [self._row(*flight) for flight in cuts]
@@ -421,5 +421,5 @@ class _OneAtATime(_UnlikeCutSearch):
         return Shared(total_s + self._turnaround_s * (len(cuts) - 1), vehicle_of, total_s)
 
     def bound_s(self, cuts: Cuts) -> float:
-        """There is one way to share them out."""
+        """The makespan: only one allocation exists."""
         return self.value(cuts)[0]

@@ -1,10 +1,9 @@
 """Planned times of sorties, the separation of vehicles in the air, and starts that keep it.
 
-A vehicle may be early or late: at its start by ``start_error_s``, and on its way by a fraction of the time since take-off.
-Wherever two paths come nearer than the separation, the times at which the two vehicles may be there must not overlap; so every
-such pair of pieces excludes an interval of the difference between the two starts, and all of them together say which starts are
-safe. A vehicle also stands at home for a while before its take-off and after its landing. ``tests/naive/fleet.py`` looks at every
-moment.
+A vehicle may be early or late: by ``start_error_s`` at its start, and by a fraction of the time since take-off on its way. If two
+paths come nearer than the separation, the times of the two vehicles there must not overlap. So every such pair of pieces excludes
+an interval of the difference between the two starts; the union of all intervals gives the safe starts. A vehicle also stands at
+home for a while before take-off and after landing. ``tests/naive/fleet.py`` checks every moment.
 """
 
 import dataclasses
@@ -28,7 +27,7 @@ from uavcover.sensing.sensors import trigger_distance_m
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timeline:
-    """A flight as points with their times; between them it moves evenly."""
+    """A flight as points with their times; between them it moves at constant speed."""
 
     time_s: FloatArray  # (n,) since take-off, not decreasing
     place_m: FloatArray  # (n, 3) ENU metres, the ground at home first and last
@@ -39,7 +38,7 @@ class Timeline:
         return float(self.time_s[-1])
 
     def places_m(self, times_s: FloatArray) -> FloatArray:
-        """(k, 3) ENU, where the flight is at (k,) times since take-off; at its ends before and after it."""
+        """(k, 3) ENU positions at (k,) times since take-off; its ends before and after the flight."""
         return np.column_stack([np.interp(times_s, self.time_s, axis) for axis in self.place_m.T])
 
     def nearest_time_s(self, place_m: FloatArray, *, from_s: float, to_s: float) -> float:
@@ -59,7 +58,7 @@ class Timeline:
 def timeline_of(site: Site, sortie: Sortie, *, autopilot: AutopilotName) -> Timeline:
     """The planned times of a sortie; the last one is its flight time.
 
-    What passing a waypoint without a stop saves is taken half from the leg before it and half from the leg behind.
+    The time saved by passing a waypoint without a stop is subtracted half from the leg before it and half from the leg after.
 
     Raises:
         InfeasibleError: the site has no home.
@@ -98,7 +97,7 @@ def _climb(pace: Pace, home_m: FloatArray, height_m: float) -> tuple[FloatArray,
 
 
 def _descent(pace: Pace, home_m: FloatArray, height_m: float) -> tuple[FloatArray, FloatArray]:
-    """The last metres are slow, and the metres above those slower than the rest."""
+    """The descent with its slow last metres and the band above them."""
     slow_m = min(pace.land_slow_m, height_m)
     heights = np.unique([0.0, slow_m, min(slow_m + pace.land_band_m, height_m), height_m])[::-1]
     left = np.array([*(landing_time(pace, h) for h in heights[:-1]), 0.0])
@@ -111,7 +110,7 @@ def _column(home_m: FloatArray, heights_m: FloatArray) -> FloatArray:
 
 _LONGEST_PIECE_M = 10.0
 _ROOM_S = 1e-6
-"""Beside an excluded interval, so that rounding does not fall back into it."""
+"""Margin at an excluded interval, for rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,7 +258,7 @@ _LEAST_GAIN_S = 0.1
 class Start:
     """Start of a sortie."""
 
-    vehicle: int  # who flies it, from 0
+    vehicle: int  # number of the vehicle, from 0
     start_s: float  # take-off, since the first take-off of all
 
 
@@ -267,14 +266,14 @@ def schedule(
     timelines: Sequence[Timeline],  # of the sorties
     fleet: Fleet,  # what keeps the vehicles apart
     *,
-    # who flies each, from 0; None: any vehicle, as all are alike, numbered by their first take-offs
+    # vehicle of each, from 0; None: any, because all are identical; numbered by their first take-offs
     vehicle_of: Sequence[int] | None = None,
     unsafe: UnsafeStarts | None = None,  # starts of pairs of these flights, where some are known from before
 ) -> tuple[Start, ...]:
     """Find starts for sorties that keep the vehicles apart.
 
-    A sortie begins when its vehicle is ready, even if it landed late, and when the start is safe beside all sorties that have a
-    start already. Orders of the sorties are tried by exchanging two.
+    A sortie begins when its vehicle is ready, even after a late landing, and when the start is safe with all scheduled sorties.
+    Orders of the sorties are tried by exchanging two.
     """
     search = _OrderSearch(timelines, fleet, vehicle_of, unsafe or UnsafeStarts(fleet))
     by_length = sorted(range(len(timelines)), key=lambda k: (-timelines[k].duration_s, k))
@@ -289,7 +288,7 @@ def schedule(
 
 
 class _OrderSearch:
-    """Lists of sorties, each of which gives a schedule: one after the other gets the earliest start that is left."""
+    """Orders of sorties, each of which gives a schedule: one by one, each sortie gets the earliest free start."""
 
     def __init__(
         self, timelines: Sequence[Timeline], fleet: Fleet, vehicle_of: Sequence[int] | None, unsafe: UnsafeStarts
@@ -362,7 +361,7 @@ def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName
 
 
 def scheduled_unlike(site: Site, flights: Sequence[Sortie]) -> tuple[Sortie, ...]:
-    """The flights of vehicles that differ, each with its vehicle already, with take-offs at which all keep apart."""
+    """The flights of different vehicles, each already allocated, with take-offs that keep all apart."""
     fleet, sites = site.scenario.fleet, vehicle_sites(site)
     if fleet.one_at_a_time:
         return _one_after_the_other(flights, fleet.turnaround_s)
@@ -389,7 +388,7 @@ def _one_after_the_other(flights: Sequence[Sortie], turnaround_s: float) -> tupl
 
 
 def makespan_s(site: Site, flights: Sequence[Sortie]) -> float:
-    """Planned time from the first take-off to the last landing. Flights without take-off times are those of one vehicle."""
+    """Planned time from the first take-off to the last landing; without take-off times, for a single vehicle."""
     if all(flight.start_s is None for flight in flights):
         times_s = [flight.compiled.flight_time_s for flight in flights]
         return math.fsum(times_s) + site.scenario.fleet.turnaround_s * (len(flights) - 1)

@@ -1,4 +1,4 @@
-"""The flights of a planned route: how it is split, with vehicles and take-off times, what they come to, and their files."""
+"""The flights of a planned route: its split, vehicles, take-off times, mission size and files."""
 
 import dataclasses
 import math
@@ -26,7 +26,8 @@ from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicles import groups_of, pace_of, vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
-"""Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench/fleet.py)."""
+"""Spacings of the starts for which a fleet's route is split; the split with the shortest makespan wins
+(scripts/bench/fleet.py)."""
 
 
 def compile_flights(
@@ -37,7 +38,7 @@ def compile_flights(
     Args:
         site: the scenario on its ground.
         route: the planned route.
-        autopilot: for whom; default: the scenario's. Vehicles that differ have their own.
+        autopilot: default: the scenario's. Different vehicles have their own.
         vehicles: how many fly, where they are alike; default: the scenario's.
 
     Raises:
@@ -63,7 +64,7 @@ def compile_flights(
     if count != site.scenario.fleet.vehicles:
         site = site.flown_by(count)
     best = _cut_for(count, site, route, autopilot=name)
-    # Landings at one home are far apart: cut for fewer vehicles, or flown by one, a mission may be over sooner.
+    # Landings at one home are far apart, so a mission may end sooner with fewer vehicles or a single one.
     for fewer in range(count - 1, 0, -1):
         found = _cut_for(fewer, site, route, autopilot=name)
         if makespan_s(site, found) > makespan_s(site, best):
@@ -151,7 +152,7 @@ def mission_size(
 
 
 def one_or_several(site: Site, flights: Sequence[Sortie]) -> tuple[CompiledMission | None, tuple[Sortie, ...]]:
-    """The mission of a run that is one flight, else its sorties. Flights of vehicles that differ always are sorties."""
+    """The mission of a run with one flight, otherwise its sorties. Flights of different vehicles always are sorties."""
     if len(flights) == 1 and not site.scenario.vehicles:
         return flights[0].compiled, ()
     return None, tuple(flights)
@@ -248,7 +249,7 @@ def compile_unlike_sorties(
     Args:
         sites: of each vehicle, vehicle 1 first.
         route: the planned route.
-        spacing_share: as of :func:`compile_sorties`, for vehicles whose homes are no farther apart than paths are planned.
+        spacing_share: as for :func:`compile_sorties`, for vehicles whose homes are at most the planned path spacing apart.
         one_at_a_time: whether no vehicle flies before the one before it has landed.
 
     Raises:
@@ -271,7 +272,7 @@ def compile_unlike_sorties(
 
 @dataclass(frozen=True, slots=True)
 class _Flyer:
-    """A vehicle, or all vehicles that are alike."""
+    """A vehicle, or all identical vehicles."""
 
     site: Site
     autopilot: AutopilotName
@@ -302,7 +303,7 @@ def sharing_home(sites: Sequence[Site], near_m: float) -> list[int]:
 
 
 def _one_of(flyers: Sequence[_Flyer], route: Route) -> tuple[Sortie, ...]:
-    """A route of one waypoint, by the vehicle that is done soonest."""
+    """A route of one waypoint, by the vehicle that finishes first."""
     found: list[Sortie] = []
     refusal = InfeasibleError("the scenario has no vehicle")
     for number, flyer in enumerate(flyers, start=1):
@@ -363,7 +364,7 @@ def _cut_and_compiled(
 
 
 def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -> Sequence[tuple[int, int]] | None:
-    """First and last waypoint of each flight of the split that is done soonest; None when no split exists."""
+    """First and last waypoint of each flight of the split with the shortest makespan; None without a split."""
     if vehicles > 1:
         return fleet_cuts(
             costs, vehicles=vehicles, turnaround_s=site.scenario.fleet.turnaround_s,
@@ -384,7 +385,7 @@ def _spacing_s(costs: FlightCosts, site: Site, vehicles: int) -> float:
 
 
 def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
-    """Message naming the part of a route that no flight reaches, and by how much."""
+    """Message with the part of a route that no flight reaches, and the excess."""
     step = costs.shared
     firsts = np.arange(len(costs.so_far_s) - step)
 

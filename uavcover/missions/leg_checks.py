@@ -1,7 +1,7 @@
 """Compare every leg of a route, along its full length, and every corner flown beside a waypoint, with the hard limits.
 
-Planning adds the excesses up as constraint violations; the mission compiler refuses a route that has any. Judging does not
-use them: it evaluates the flown track independently.
+The planner adds the excesses up as constraint violations; the mission compiler refuses a route that has any. Verification does
+not use them: it evaluates the flown track independently.
 """
 
 import dataclasses
@@ -42,7 +42,7 @@ ProblemKind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class LegProblem:
-    """A leg, or a waypoint, that breaks a limit."""
+    """A leg or waypoint that exceeds a limit."""
 
     leg: int  # number of the waypoint at its end, counted from 0; leg k goes from waypoint k - 1 to k
     kind: ProblemKind  # which limit
@@ -142,9 +142,9 @@ def find_problems(
     highest_agl_m: float | None,  # largest height above ground, or none
     zones: ZoneCheck | None = None,  # the no-fly zones to keep out of; default: with their margins
 ) -> list[LegProblem]:
-    """Every leg of an (n, 3) ENU route that breaks a limit, in flying order.
+    """Every leg of an (n, 3) ENU route that exceeds a limit, in flying order.
 
-    For a route of one waypoint the waypoint itself is checked.
+    For a route with one waypoint, the waypoint itself is checked.
     """
     if len(route_m) == 1:
         return find_waypoint_problems(site, route_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)
@@ -194,7 +194,7 @@ class _Figures:
     zone: ZoneBreach | None  # the first no-fly zone that it enters
 
     def problems(self, site: Site, lowest_agl_m: float, highest_agl_m: float | None) -> Iterator[LegProblem]:
-        """The limits that it breaks."""
+        """The limits that it exceeds."""
         limits, end = site.scenario.limits, self.ends_m[1]
         obstacle, lacking, at = self.obstacle
         if lacking > 0.0:
@@ -310,8 +310,8 @@ def _outside_fence(site: Site, line: shapely.LineString) -> shapely.Geometry | N
     return None if outside.is_empty else outside
 
 
-# Corners: ArduCopter passes inside of its waypoints (:mod:`uavcover.sensing.flown_line`), where no leg is: nearer to what a route
-# leads around, and at the edge of a cliff over other ground.
+# Corners: ArduCopter passes inside its waypoints (:mod:`uavcover.sensing.flown_line`), away from the legs: nearer to obstacles
+# that a route avoids, and at a cliff over other ground.
 
 _CORNER_TOLERANCE_M = 0.1
 """Tolerance of corners beyond the height band: vehicles pass them within some centimetres of the computed line."""
@@ -329,9 +329,9 @@ def corner_excess_m(site: Site, route_m: FloatArray) -> FloatArray:
 
 
 def corner_excess_around_m(site: Site, route_m: FloatArray, waypoint: int) -> float:
-    """Metres by which the corners at a waypoint of an (n, 3) ENU route and at those beside it break limits.
+    """Metres by which the corners at a waypoint of an (n, 3) ENU route and at its neighbours exceed limits.
 
-    A corner is made by its two legs, so that only five waypoints are looked at, however long the route is.
+    A corner depends on its two legs, so only five waypoints matter on a route of any length.
     """
     first, last = max(waypoint - 1, 0), min(waypoint + 1, len(route_m) - 1)
     begin = max(first - 1, 0)
@@ -411,7 +411,7 @@ def _corner_figures(site: Site, route_m: FloatArray) -> list[_CornerFigures]:
 
 
 def _outside_m(site: Site, flat_m: FloatArray) -> FloatArray:
-    """(k,) metres outside of the fence of (k, 3) places; distances take long, so they are only taken there."""
+    """(k,) metres outside the fence of (k, 3) positions; distances are slow, so they are computed only outside."""
     outside_m = np.zeros(len(flat_m))
     beyond = ~shapely.contains_xy(site.fence, flat_m[:, 0], flat_m[:, 1])
     outside_m[beyond] = shapely.distance(site.fence, shapely.points(flat_m[beyond, :2]))

@@ -1,12 +1,11 @@
-"""Compiles a route into a mission: take-off, transit, planned waypoints, transit home, landing; every leg is checked.
+"""Compile a route into a mission: take-off, transit, planned waypoints, transit home, landing; every leg is checked.
 
-Heights are above home, so a wrong home would shift all of them: ``fly`` and ``plan-upload`` compare it first.
+Heights are above home, so a wrong home would shift all of them; ``fly`` and ``plan-upload`` compare it first.
 
-Camera items follow each autopilot. ArduPilot takes gimbal angles as DO_GIMBAL_MANAGER_PITCHYAW, in whole degrees, and can hold
-a heading; its DO_MOUNT_CONTROL would turn a vehicle whose gimbal has no yaw axis. PX4 refuses DO_GIMBAL_MANAGER_PITCHYAW in a
-mission unless the mission has taken control of the gimbal, so it gets DO_MOUNT_CONTROL, as ground stations send it, and holds a
-heading by its waypoints. A photo at a waypoint is DO_DIGICAM_CONTROL for ArduPilot, in every version of it, and
-IMAGE_START_CAPTURE for PX4.
+Camera items follow each autopilot. ArduPilot takes gimbal angles as DO_GIMBAL_MANAGER_PITCHYAW, in whole degrees, and can hold a
+heading; its DO_MOUNT_CONTROL would turn a vehicle whose gimbal has no yaw axis. PX4 refuses DO_GIMBAL_MANAGER_PITCHYAW in a
+mission unless the mission controls the gimbal, so it gets DO_MOUNT_CONTROL, as ground stations send it, and holds a heading by
+its waypoints. A photo at a waypoint is DO_DIGICAM_CONTROL for all versions of ArduPilot, and IMAGE_START_CAPTURE for PX4.
 """
 
 import dataclasses
@@ -64,7 +63,7 @@ from uavcover.terrain.frames import LocalFrame
 _HEIGHT_DECIMALS = 3
 """Heights are compiled to the millimetre: degrees reach a vehicle in steps of 1e-7, which are a centimetre."""
 _YAW_LOCK = 16
-"""GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
+"""GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle."""
 
 
 def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem]:
@@ -117,14 +116,14 @@ class MissionTooLongError(InfeasibleError):
 class CompiledMission:
     """The complete mission for the vehicle, with the facts that checks and reports need.
 
-    The autopilot's own returns are judged when somebody asks for them: most flights are compiled for their size or time alone.
+    The autopilot's own returns are judged on demand, because most flights are compiled only for their size or time.
     """
 
     mission: Mission  # home and items
     fence: Fence  # one inclusion polygon, then its holes and no-fly zones as exclusions
     first_waypoint_item: int  # index in ``mission.items`` of the first planned waypoint
-    waypoint_count: int  # how many planned waypoints there are from it on
-    items_per_waypoint: int  # how many items each of them takes, itself first
+    waypoint_count: int  # number of planned waypoints from it on
+    items_per_waypoint: int  # number of items of each of them, itself first
     # (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home, top
     # of the column
     path_m: FloatArray
@@ -145,12 +144,12 @@ class CompiledMission:
 
     @property
     def return_advice(self) -> ReturnAdvice:
-        """Whether they are safe by what the scenario says."""
+        """Whether they are safe by the scenario's values."""
         return self._returns[1]
 
     @property
     def rally(self) -> RallyPoints:
-        """Home at a safe height, unless none is known; then proposed points, where the scenario asks for them."""
+        """Home at a safe height, if known; then proposed points if the scenario asks for them."""
         return RallyPoints(self.own_returns.rally)
 
     @cached_property
@@ -161,7 +160,7 @@ class CompiledMission:
 
 
 def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName | None = None) -> CompiledMission:
-    """Compile the planned route of a site, from take-off at home to landing there; by default for the scenario's autopilot.
+    """Compile the planned route of a site, from take-off at home to landing there; default: the scenario's autopilot.
 
     Raises:
         InputError: the scenario has no position on Earth or no home.
@@ -281,7 +280,7 @@ def _compiled(
             "require less coverage (--select), or plan a smaller area"
         )
     used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
-    # What it has used before is not known; by the mean of what is planned, and never less than hovering.
+    # The energy used so far is unknown; estimate it by the planned mean, at least that of hovering.
     before_s = flown_s * max(1.0, used_s / time_s)
     if before_s + used_s > usable_s(vehicle):
         raise MissionTooLongError(
@@ -338,9 +337,9 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
 
 
 def check_fence(site: Site, *, autopilot: AutopilotName) -> None:
-    """Refuse a fence that the autopilot will not take, before a route is searched for.
+    """Refuse a fence that the autopilot would reject, before the search for a route.
 
-    Counted are the keep-in polygon and the zones that no mission passes over or under.
+    Only the inclusion polygon and the zones that no mission passes over or under count.
 
     Raises:
         InfeasibleError: it has too many items or corners.
@@ -373,7 +372,7 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
 
 
 def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:
-    """An item at a position. Heading is NaN, so the nose follows the path; for PX4, 0 would mean north."""
+    """An item at a position. The heading is NaN, so the vehicle yaws along the path; for PX4, 0 would mean north."""
     place = _geo_point(frame, point_m)
     home_alt = _geo_point(frame, home_m).alt_amsl_m
     height_m = round(place.alt_amsl_m - home_alt, _HEIGHT_DECIMALS)
@@ -403,6 +402,6 @@ class Sortie:
     last: int  # number of its last waypoint; for sensing along the path, the next sortie begins there too
     route: Route  # its waypoints
     compiled: CompiledMission  # its mission, from take-off at home to landing there
-    vehicle: int = 1  # who flies it, from 1
-    # its planned take-off, since the first take-off of all; None where there is no schedule
+    vehicle: int = 1  # number of its vehicle, from 1
+    # its planned take-off, since the first take-off of all; None without a schedule
     start_s: float | None = None

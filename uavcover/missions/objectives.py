@@ -47,7 +47,7 @@ def flight_costs_along_transits(
         onto, off = points[k + 1 : k + 1] if stops else points[k + 1 : k + 2], points[max(k - 1, 0) : k]
         there[k] = _there_s(pace, home, way, onto)
         back[k] = _back_s(pace, home, way, off)
-        # a flight to this waypoint alone turns from the way there to the way home.
+        # a flight to this waypoint alone turns from the outbound to the return transit.
         round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
         column_m = way[0, 2] - home[2]
         alone[k] = takeoff_time(pace, column_m) + flight_time(pace, read_only(round_m)) + landing_time(pace, column_m)
@@ -174,7 +174,7 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
     )
     straight = mission_cost_of(site)
     if not math.isfinite(time_s):
-        # The ground between home and the route is not known all the way: the mission is refused when it is compiled.
+        # Part of the ground between home and the route is unknown; the compiler will refuse the mission.
         surface, of_energy = site.ground.surface, straight._replace(unit=ENERGY)
         return MissionCost(float(route_cost(surface, straight, points)), float(route_cost(surface, of_energy, points)))
     longest_s, most_items = _limits(site, vehicle.autopilot)

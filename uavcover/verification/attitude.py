@@ -6,7 +6,7 @@ lean, minus aerodynamic drag. Drag grows with airspeed, so apart from noise and 
     g tan(lean) - acceleration = drag_per_s * velocity - wind_drag
 
 with one number and one vector for the flight. An attitude that was invented, rotated, mirrored or taken from another time does
-not fit, and an autopilot that measures its attitude badly cannot fly.
+not fit. An autopilot with such an attitude could not fly.
 
 A small residual alone proves nothing on a gentle flight: there, no lean at all fits as well. An attitude therefore counts only
 when its lean explains the accelerations of the track: with their sign, their size and without a delay.
@@ -94,7 +94,7 @@ def lean_problem(
 def _unexplained(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
 ) -> LeanProblem | None:
-    """The problem of an attitude by which large accelerations remain unexplained; None where too little is known."""
+    """The problem of an attitude that leaves large accelerations unexplained; None with too little data."""
     windows = Windows.of(time_s, enu_m, window_s=ATTITUDE.window_s, joined=joined, step_s=FITTED_STEP_S)
     before, middle, after = windows.before, windows.middle, windows.after
     velocity, acceleration = windows.velocity_m_s[:, :2], windows.acceleration_m_s2[:, :2]
@@ -102,7 +102,7 @@ def _unexplained(
     thrust = mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], half_s)
     good = np.isfinite(thrust).all(axis=1) & (half_s <= ATTITUDE.longest_s)
     good &= np.hypot(velocity[:, 0], velocity[:, 1]) > ATTITUDE.moves_m_s
-    # Larger accelerations are not flight, and are judged as such elsewhere.
+    # Larger accelerations are not flight; another check finds them.
     good &= windows.level_m_s2 <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
     if good.sum() < ATTITUDE.enough_blocks:
         return None
@@ -223,7 +223,7 @@ class KnownAttitude:
 
     attitude_deg: FloatArray  # (n, 3) roll, pitch and yaw, NaN where unknown
     problems: tuple[str, ...]  # what was found, one line each
-    # why it is not known although nothing is wrong with it: the motion is too gentle to confirm it
+    # why it is unknown although nothing contradicts it: the motion is too gentle to confirm it
     unconfirmed: str | None = None
     # the problem that the motion contradicts, so that either attitude or motion was not measured
     contradiction: str | None = None
@@ -337,7 +337,7 @@ def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> 
 def _never_leans(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude: FloatArray
 ) -> tuple[float, float] | None:
-    """The largest lean in degrees and the largest acceleration, when the lean is far too small for it."""
+    """The largest lean in degrees and the largest acceleration, if the lean is far too small for it."""
     brisk = np.zeros(ATTITUDE.enough_windows)
     # The longer window suppresses noise, the shorter one shows short turns.
     for window_s in (1.0, 2.0):

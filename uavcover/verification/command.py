@@ -1,4 +1,4 @@
-"""Judging a flight: its logs against its plan, the verdict, and its files in the run folder."""
+"""Judge a flight: its logs against its plan, the verdict, and its files in the run folder."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -46,14 +46,14 @@ from uavcover.verification.gaps import REASONS, cells_geotiff, reason_codes
 from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, date_bounds, planned_for, read_log
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight, verify_track
 
-# Whether the elevation data is right: the ground that vehicles measured in flight, against the ground they are judged on.
+# Check the elevation data against the ground that vehicles measured in flight.
 
 
 @dataclass(frozen=True, slots=True)
 class ElevationBias:
     """Difference between the ground as a vehicle knows it and the elevation data."""
 
-    source: str  # "rangefinder", which measures, or "terrain data of the vehicle", which is another model of the ground
+    source: str  # "rangefinder", or "terrain data of the vehicle" (another model)
     count: int  # readings over known ground
     bias_m: float  # median of measured less modelled height
     spread_m: float  # half the range of the middle 68 %
@@ -72,10 +72,10 @@ class ElevationBias:
 
 
 def elevation_biases(site: Site, tracks: Sequence[Track]) -> tuple[ElevationBias, ...]:
-    """Compare the ground that tracks report with that of a site; nothing where too little is reported.
+    """Compare the ground that tracks report with that of a site; empty with too few reports.
 
-    With a surface model a rangefinder is compared with whichever of ground and surface is nearer to its reading: through
-    leaves it hits either.
+    With a surface model, a rangefinder reading is compared with the nearer of ground and surface, because a beam can hit either
+    of them through leaves.
     """
     found = []
     for source, readings in (
@@ -93,9 +93,9 @@ def elevation_biases(site: Site, tracks: Sequence[Track]) -> tuple[ElevationBias
 
 
 def widened(site: Site, biases: Sequence[ElevationBias]) -> tuple[Site, tuple[str, ...]]:
-    """The site with the height uncertainty that measurements show, where the stated one is smaller; and the notes on it.
+    """The site with the measured height uncertainty if it exceeds the stated one, and the notes on it.
 
-    The vehicle's own terrain data is no measurement, and widens nothing.
+    The vehicle's own terrain data is not a measurement and widens nothing.
     """
     words = [str(bias) for bias in biases]
     stated = site.scenario.uncertainty
@@ -113,7 +113,7 @@ def widened(site: Site, biases: Sequence[ElevationBias]) -> tuple[Site, tuple[st
 def with_measured_ground(
     report: VerificationReport, limits: FlightLimits, biases: Sequence[ElevationBias], found: Sequence[str]
 ) -> VerificationReport:
-    """The report with what was found; a height that the measured ground moves beyond its limit is not proved."""
+    """The report with these findings; a height that the measured ground moves beyond its limit is not proved."""
     findings = list(map(noted, found))
     for bias in biases:
         low, high = report.min_height_agl_m, report.max_height_agl_m
@@ -156,10 +156,10 @@ def judge_tracks(
     sites: Sequence[Site] | None = None,
     dates: Sequence[DateBounds] | None = None,
 ) -> Verdict:
-    """Judge one or several tracks as one flight, each with the plan it followed, on the cells of the area.
+    """Judge one or several tracks as one flight, each with its plan, on the cells of the area.
 
-    ``sites`` are those of the vehicles that flew them, where these differ; ``dates`` bound those of the tracks. Ground that they
-    measured in flight widens the uncertainty of heights where it shows more than the scenario states.
+    ``sites`` are those of different vehicles; ``dates`` bound those of the tracks. Ground measured in flight widens the
+    uncertainty of heights if it exceeds the scenario's.
     """
     biases = elevation_biases(site, [track for track, _ in tracks])
     site, found = widened(site, biases)
@@ -174,18 +174,18 @@ def judge_tracks(
 
 
 def save_verdict(
-    run: RunFolder,  # whose verdict it is
-    verdict: Verdict,  # what was found
+    run: RunFolder,  # of the verdict
+    verdict: Verdict,  # the result
     *,
     sources: Sequence[str],  # names of the logs
-    inputs: JudgedInputs,  # what was judged; its changes were accepted
+    inputs: JudgedInputs,  # the judged inputs; their changes were accepted
     command: Sequence[str],  # the command line, for ``verification.json``
-    also: Mapping[str, Any],  # what else ``verification.json`` has to say
+    also: Mapping[str, Any],  # additional content of ``verification.json``
 ) -> dict[str, Any]:
     """Write ``verification.json`` and, for a site on Earth, ``coverage.tif``, together.
 
     Returns:
-        what ``verification.json`` says.
+        the content of ``verification.json``.
     """
     document = verification_document(verdict.report, source=", ".join(sources)) | {
         "inputs": inputs.hashes,
@@ -256,11 +256,11 @@ def verify_run(
     scheduler: str | None = None,
     system: int | None = None,
 ) -> tuple[Verdict, dict[str, Any]]:
-    """Verify the tracks of a run folder, write its files and say the verdict; returns it, and ``verification.json``.
+    """Verify the tracks of a run folder, write its files and print the verdict; return it, and ``verification.json``.
 
-    The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now. Where
-    there are ``pictures`` that tell the coverage, it is theirs. With a ``scheduler`` its workers count what was seen. ``system``
-    chooses the vehicle of telemetry logs that have several.
+    An existing verdict and its consequences are removed first, because they would not match the current files. ``pictures`` with
+    a coverage replace that of the track. The workers of a ``scheduler`` count the observations. ``system`` chooses the vehicle of
+    telemetry logs with several.
     """
     check_accepted(accepted)
     if not any(run.file(name).exists() for name in (*PLAN_FILES, "verification.json")):
@@ -324,7 +324,7 @@ def judge_run(
 
 
 def say_inputs(user: User, inputs: JudgedInputs) -> None:
-    """Say which changes were accepted, and which tracks have no recorded end."""
+    """Print the accepted changes, and the tracks without a recorded end."""
     for change in inputs.changes:
         user.say(f"accepted change   {change.what}: {change}")
     for name in inputs.unsealed:
@@ -332,7 +332,7 @@ def say_inputs(user: User, inputs: JudgedInputs) -> None:
 
 
 def log_name(path: Path, run: RunFolder) -> str:
-    """A log's path inside the run folder, or its name alone: no path of this machine."""
+    """A log's path inside the run folder, otherwise only its name, without a path of this machine."""
     inside = path.resolve().is_relative_to(run.path.resolve())
     return path.resolve().relative_to(run.path.resolve()).as_posix() if inside else path.name
 

@@ -1,9 +1,9 @@
-"""The decision on a flight, passed, failed or not proved, its grounds in figures, and the table of requirements.
+"""The decision on a flight (passed, failed or not proved), its reasons in figures, and the table of requirements.
 
-Failed: something observed breaks a limit, or a requirement is missed under any motion in the unobserved time. Not proved:
-neither is the case, but something essential was not observed. Passed: everything holds, and was observed.
+Failed: an observation exceeds a limit, or a requirement is missed under any motion in the unobserved time. Not proved: neither is
+the case, but something essential was not observed. Passed: everything holds, and was observed.
 
-Whether a requirement holds is what the findings of the verdict say of it: the table decides nothing of its own.
+The findings of the verdict decide whether a requirement holds; the table decides nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -70,13 +70,13 @@ def decide(
     coverage: CoverageMap,  # the cells
     flown: FlownCoverage,  # their coverage
     judged: Sequence[JudgedTrack],  # each track judged by itself
-    pictures: PictureCounts | None,  # how many show each cell; None for a sensor that takes none
+    pictures: PictureCounts | None,  # number of photos of each cell; None for a sensor without photos
     *,
     unknown_attitude_looks: int,  # number of observations without a known direction
-    # from real photos; where these decide the coverage, unobserved parts of the flight cannot add to it
+    # from real photos; if they decide the coverage, unobserved parts of the flight cannot add to it
     evidence: PictureEvidence = NOTHING_KNOWN,
     separation: Separation = NOT_ASKED,  # of the vehicles
-    # the cells as each sensor that flew sees them, where there are several; default: those of the site
+    # the cells as each of several sensors observes them; default: those of the site
     eyes: Sequence[CoverageMap] = (),
 ) -> Decision:
     """Decide on tracks that count as one flight."""
@@ -118,7 +118,7 @@ def decide(
 
     @cache
     def perhaps() -> BoolArray:
-        """(cells,) what unobserved stretches, and looks of unknown direction, may have seen."""
+        """(cells,) whether unobserved stretches, or looks of unknown direction, may have observed each cell."""
         found = flown.possibly_by_attitude.copy()
         for way in ways:
             for eye in eyes or (coverage,):
@@ -140,7 +140,7 @@ def decide(
 def _judge_overlap(
     coverage: CoverageMap, pictures: PictureCounts | None, perhaps: Callable[[], BoolArray]
 ) -> list[Finding]:
-    """Overlap that is required and missed fails, unless photos that were not observed may make up for it."""
+    """A missed required overlap fails, unless unobserved photos may make up for it."""
     scenario = coverage.site.scenario
     short = overlap_shortfall(scenario, None if pictures is None else picture_statistics(coverage, pictures))
     if short is None:
@@ -264,7 +264,7 @@ _OTHERS: Mapping[Requirement, str] = {
     "separation": "Separation of the vehicles",
     "evidence": "Plausible record",
 }
-"""Requirements without a figure of their own, which have a row where they do not hold."""
+"""Requirements without a figure, which have a row if they do not hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +274,7 @@ class RequirementRow:
     name: str  # the requirement
     asked: str  # its limit, for people
     found: str  # what the flight did, for people
-    holds: Holds  # whether it holds; "not proved" where nothing breaks it, but not enough was observed
+    holds: Holds  # whether it holds; "not proved" if nothing contradicts it, but too little was observed
 
 
 def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:
@@ -330,7 +330,7 @@ def _overlap_row(asked: float, report: VerificationReport, judge: "_Judge") -> R
 
 
 def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judge") -> list[RequirementRow]:
-    """Rows about how much of the flight was observed."""
+    """Rows about the observed fraction of the flight."""
     requirements = scenario.requirements
     missing = report.unobserved_route_fraction
     longest_s = max((stretch.duration_s for stretch in report.unobserved if stretch.in_flight), default=0.0)
@@ -355,7 +355,7 @@ class _Judge:
         self._told: set[Requirement] = set()
 
     def row(self, requirement: Requirement, name: str, asked: str, found: str) -> RequirementRow:
-        """A requirement with what was found."""
+        """A requirement with the result of the flight."""
         self._told.add(requirement)
         return RequirementRow(name, asked, found, self._report.judgement.holds(requirement))
 
@@ -364,7 +364,7 @@ class _Judge:
         return self._report.judgement.holds("unobserved-fraction", "unobserved-gap", "ends") == "yes"
 
     def limit(self, requirement: Requirement, name: str, asked: str, found: str) -> RequirementRow:
-        """A limit, which is kept only as far as the flight was observed."""
+        """A limit, which is kept only if the flight was observed."""
         row = self.row(requirement, name, asked, found)
         return row if row.holds != "yes" or self._observed else replace(row, holds="not proved")
 
@@ -376,7 +376,7 @@ class _Judge:
         return self.limit(requirement, name, asked, found)
 
     def share(self, requirement: Requirement, name: str, asked: float, found: float) -> RequirementRow:
-        """A share of the area."""
+        """A fraction of the area."""
         return self.row(requirement, name, f"at least {100.0 * asked:g} %", _share(found, asked))
 
     def others(self) -> list[RequirementRow]:

@@ -1,4 +1,4 @@
-"""Coverage of a flown track. For each cell: when, how often, how closely and how surely it was observed, or why not."""
+"""Coverage of a flown track: when, how often, how closely and how surely each cell was observed, or why not."""
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,19 +29,18 @@ from uavcover.verification.possible_motion import MAX_LEAN_DEG
 class FlownCoverage:
     """Coverage by cell; every array has one value for each cell."""
 
-    seen: BoolArray  # whether it was seen, with measured positions and terrain taken as exact
-    # whether it was seen for every error within the scenario's [uncertainty]; subset of ``seen``
+    seen: BoolArray  # whether it was observed, if measured positions and terrain are exact
+    # whether it was observed for every error within the scenario's [uncertainty]; subset of ``seen``
     surely_seen: BoolArray
-    # whether it may have been seen for some error, or for some direction of the camera where that is unknown; superset
-    # of ``seen``
+    # whether it may have been observed for some error, or some unknown direction of the camera; superset of ``seen``
     possibly_seen: BoolArray
-    possibly_by_attitude: BoolArray  # whether it was not seen, but may have been by an observation of unknown direction
-    first_seen_s: FloatArray  # time at which it was first seen, NaN where it was not
-    passes: NDArray[np.int32]  # how many separate passes saw it
-    nearest_m: FloatArray  # shortest distance from which it was seen, NaN where it was not
-    # smallest ground sample distance with which it was seen, NaN where it was not or none is known
+    possibly_by_attitude: BoolArray  # whether only an observation of unknown direction may have observed it
+    first_seen_s: FloatArray  # time of its first observation, NaN without one
+    passes: NDArray[np.int32]  # number of separate passes that observed it
+    nearest_m: FloatArray  # shortest distance of an observation, NaN without one
+    # smallest ground sample distance of an observation, NaN without a known one
     ground_sample_m: FloatArray
-    incidence_deg: FloatArray  # smallest incidence angle under which it was seen, NaN where it was not
+    incidence_deg: FloatArray  # smallest incidence angle of an observation, NaN without one
     # the best outcome of any observation, see :class:`uavcover.kernels.observation_counting.ObservationCounts`
     outcome: NDArray[np.uint8]
 
@@ -49,7 +48,7 @@ class FlownCoverage:
 def count_observations(coverage: CoverageMap, observations: Observations) -> FlownCoverage:
     """Count every observation of every cell of a map.
 
-    Observations of unknown direction see nothing for certain; what they may have seen is kept apart.
+    Observations of unknown direction prove nothing; the cells that they may have observed are kept separately.
     """
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
@@ -79,10 +78,10 @@ def count_observations(coverage: CoverageMap, observations: Observations) -> Flo
 
 
 def seen_by_any(each: Sequence[FlownCoverage]) -> FlownCoverage:
-    """Join the observations that several sensors made of the same cells.
+    """Join the observations of the same cells by several sensors.
 
     Args:
-        each: of one sensor, one at least; its times on a clock that all share.
+        each: of one sensor, at least one; times on a common clock.
     """
 
     def either(name: str) -> BoolArray:
@@ -175,7 +174,7 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
     steepest = float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0)) if horizontal > 0.0 else 0.0
     return Camera(
         focal_px=sensor.focal_px,
-        # Every waypoint is an observation of its own, however soon it follows the one before.
+        # Every waypoint is a separate observation, even soon after the previous one.
         pass_gap_s=wanted.max_gap_s if sensor.looks_along_path else -1.0,
         offset_m=float(np.hypot(horizontal, vertical)),
         horizontal_m=horizontal,
@@ -220,7 +219,7 @@ def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObser
     return count
 
 
-# Coverage of a flown track by blocks of cells: each is a task of its own, for any worker.
+# Coverage of a flown track by blocks of cells: each is an independent task for any worker.
 #
 # Whether a cell is observed does not depend on other cells, and it is the same cell in a block as among all. No
 # difference arises along the edges of blocks, and a block needs no more of the flight than what was observed within
@@ -257,7 +256,7 @@ def near_block(block: CoverageMap, observations: Observations) -> Observations:
 
 
 def joined_blocks(blocks: Sequence[FlownCoverage]) -> FlownCoverage:
-    """Blocks in the order of their rows, as what they are together."""
+    """The result of all blocks, in the order of their rows."""
     return FlownCoverage(
         **{each.name: np.concatenate([getattr(block, each.name) for block in blocks]) for each in fields(FlownCoverage)}
     )
@@ -268,7 +267,7 @@ def joined_blocks(blocks: Sequence[FlownCoverage]) -> FlownCoverage:
 
 @dataclass(frozen=True, slots=True)
 class GivenEvidence:
-    """Records of a flight that the user gave."""
+    """Logs and photos of a flight that the user gave."""
 
     logs: tuple[Path, ...]  # flown tracks
     photos: tuple[Path, ...]  # photos, folders and lists of them
@@ -277,12 +276,12 @@ class GivenEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureEvidence:
-    """Evidence from a flight's photos beside its track."""
+    """Evidence from a flight's photos, in addition to its track."""
 
-    # coverage by cell, on the cells that results are judged on; None where the track alone tells it
+    # coverage by cell, on the evaluation grid; None if only the track determines it
     shown: FlownCoverage | None = None
-    counts: PictureCounts | None = None  # number of photos that show each cell; none as for ``shown``
-    # why they do not show enough, or nothing proves that they do, and what else is to be said of them
+    counts: PictureCounts | None = None  # number of photos that show each cell; None as for ``shown``
+    # missing or unproved coverage, and other findings
     findings: tuple[Finding, ...] = ()
     photos_required: bool = False  # whether a flight whose vehicle reported no photo is not proved
 

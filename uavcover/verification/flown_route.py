@@ -281,17 +281,17 @@ def turned_back(
     track: Track, enu_m: FloatArray, joined: BoolArray, planned: PlannedRoute, passed: Passing,
     *, home_m: FloatArray, speed_m_s: float,
 ) -> bool:  # fmt: skip
-    """Whether a flight ended before the first planned waypoint: it was never as far from its take-off as that is from home.
+    """Whether a flight ended before the first planned waypoint: it stayed closer to its take-off than the waypoint is to home.
 
     A track moved elsewhere keeps its extent, so moving it and removing its numbers hides no route.
 
     Args:
-        track: what was flown, from a take-off on the ground.
+        track: the flown track, from a take-off on the ground.
         enu_m: (n, 3) its positions.
         joined: (n - 1,) legs that were observed; on others the vehicle may have been away and back.
         planned: the plan.
         passed: where the track passed its waypoints; one waypoint can be passed by chance.
-        home_m: (3,) where the flight was planned to begin.
+        home_m: (3,) planned start of the flight.
         speed_m_s: greatest speed of the vehicle.
     """
     if (track.current_waypoint >= 1).any() or passed.passed.sum() > 1:
@@ -332,7 +332,7 @@ def lat_lon_deg(site: Site, enu_m: FloatArray) -> tuple[float, float]:
 
 
 def place_of(site: Site, enu_m: FloatArray) -> str:
-    """A position as text: latitude and longitude, or local metres where the scenario is not georeferenced."""
+    """A position as text: latitude and longitude, or local metres without a georeference."""
     if site.frame is None:
         return f"{enu_m[0]:.0f} m east, {enu_m[1]:.0f} m north"
     lat_deg, lon_deg = lat_lon_deg(site, enu_m)

@@ -33,7 +33,7 @@ class Band:
 
 
 def cells_geotiff(coverage: CoverageMap, frame: LocalFrame, layers: Sequence[tuple[str, str, NDArray[Any]]]) -> bytes:
-    """A GeoTIFF of what is known of each cell of a map.
+    """A GeoTIFF of the results for each cell of a map.
 
     Args:
         coverage: the cells.

@@ -1,4 +1,4 @@
-"""One track judged by itself: which part of it is evidence, and how that compares with the limits."""
+"""One track judged separately: its evidence, compared with the limits."""
 
 from dataclasses import dataclass, replace
 
@@ -51,7 +51,7 @@ from uavcover.verification.track_doubts import TrackEnd, ground_tolerance_m, mot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedTrack:
-    """One track judged by itself."""
+    """Result of judging one track."""
 
     track: Track  # the samples that are evidence, with the attitudes that are known
     enu_m: FloatArray  # (n, 3) their positions
@@ -62,11 +62,11 @@ class JudgedTrack:
     heights: Heights  # heights above ground
     speeds_m_s: FloatArray  # (n,) ground speed
     deviations_m: FloatArray | None  # (n,) distance from the planned route, None without a plan
-    violations: tuple[Violation, ...]  # limits that it broke
+    violations: tuple[Violation, ...]  # limits that it exceeds
     begin: TrackEnd  # its first sample
     end: TrackEnd  # its last sample
     unobserved: tuple[Unobserved, ...]  # unobserved stretches between its samples
-    # why it cannot pass, or proves nothing, independent of the coverage, and other irregularities
+    # reasons to fail or not to prove it, without coverage, and other irregularities
     findings: tuple[Finding, ...]
     attitude_problems: tuple[str, ...]  # problems of its attitudes
     photos: TrackPhotos | None  # where photos were taken; None for a sensor that looks along the path
@@ -114,7 +114,7 @@ def judge_track(
         misnumbered = contradiction(
             track, enu, joined, planned.waypoints_m, radius_m=radius_m, speed_m_s=limits.speed_m_s
         )
-    # Beginning, end and "under the ground": a vehicle stands on the bare ground, under what a surface model has there.
+    # Begin, end and "under the ground" use the bare ground: a vehicle stands below the surface model.
     here_m = site.bare_ground.heights_agl_m(enu)
     begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
     route = on_route(
@@ -138,7 +138,7 @@ def judge_track(
         *motion_doubts(site, whole, told_m, motion, limits, position_error_m=error_m),
         *sampling_doubts(whole, motion, known),
         known.contradiction,
-        # a flight that ended before its route has no place and no pace of the plan to keep.
+        # a flight that ended before its route need not keep the positions and the pace of the plan.
         commanded_pace_doubt(
             track,
             enu,
@@ -237,7 +237,7 @@ def _requirement_violations(
 def _reasons(
     site: Site, phases: Phases, speeds_m_s: FloatArray, deviations: FloatArray | None, violations: list[Violation]
 ) -> list[Finding]:
-    """Limits that a track breaks, one line each."""
+    """Limits that a track exceeds, one line each."""
     requirements = site.scenario.requirements
     reasons: list[Finding] = []
     if violations:

@@ -1,8 +1,8 @@
-"""Relate the accelerations of a track to its lean, to tell whether attitude and motion were measured together.
+"""Compare the accelerations of a track with its lean, to check that attitude and motion were measured together.
 
-Drag, wind and everything else that changes slowly is taken out of both. What is left of a measured flight is the same
-acceleration twice. Gusts make the vehicle lean without accelerating, noise of the positions accelerates it without a lean; both
-are bounded from outside, and make one of the two slopes smaller.
+Drag, wind and other slow changes are removed from both. The rest of a measured flight is the same acceleration twice. Gusts make
+the vehicle lean without acceleration, and noise of the positions accelerates it without lean. External limits bound both, and
+each makes one of the two slopes smaller.
 """
 
 from collections.abc import Mapping

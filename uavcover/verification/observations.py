@@ -1,7 +1,7 @@
-"""Observations along a flown track: from where, in which direction and when the sensor looked, or took its photos.
+"""Observations along a flown track: positions, directions and times of the sensor, or its photos.
 
-A track whose vehicle reports photos counts only these. Predicted trigger points say where reports are missing, and where photos
-were taken whose message was lost: the vehicle counts its photos, so a count that rises by three is three photos.
+If the vehicle reports photos, only these count. Predicted trigger points show where reports are missing, and the positions of
+photos whose message was lost: the vehicle counts its photos, so a count that rises by three means three photos.
 """
 
 import math
@@ -61,7 +61,7 @@ def reached_m(site: Site) -> float:
 
 
 def reports_photos(track: Track) -> bool:
-    """Whether the vehicle reported photos: a count of any time, 0 too, shows that it does."""
+    """Whether the vehicle reported photos; a reported count, even 0, shows that it does."""
     return bool(np.isfinite(track.pictures_taken).any())
 
 
@@ -279,7 +279,8 @@ class Observations:
     axes: FloatArray  # (k, 3) ENU unit vectors along the camera's viewing direction
     tops: FloatArray  # (k, 3) unit vectors perpendicular to them, towards the top of the photo
     times_s: FloatArray  # (k,) times
-    known: BoolArray  # (k,) whether the attitude is known; otherwise level and nose ahead are assumed
+    # (k,) whether the attitude is known; otherwise a level attitude with the yaw along the path is assumed
+    known: BoolArray
 
     def __len__(self) -> int:
         return int(self.times_s.size)

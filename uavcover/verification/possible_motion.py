@@ -37,7 +37,7 @@ SPEED_WINDOWS_S = (0.2, 1.0, 3.0)
 ACCELERATION_WINDOWS_S = (0.2, 0.5, 1.0, 2.0)
 
 MAX_LEAN_DEG = 35.0
-"""No mission is flown with a larger lean: ArduPilot's maximum is 30 degrees, PX4 uses up to about 30."""
+"""Largest lean of a mission: ArduPilot's maximum is 30 degrees, PX4 uses up to about 30."""
 GRAVITY_M_S2 = 9.80665
 
 MAX_JUMP_M = 5.0
@@ -224,7 +224,7 @@ class _Found:
         self._windows.append((first, last, values, limit, kind))
 
     def add(self, other: "_Found") -> None:
-        """Take over what another has marked."""
+        """Add the marks of another result."""
         self.marked |= other.marked
         self._windows += other._windows
 

@@ -200,7 +200,7 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
 
     Args:
         path: the file.
-        site: in whose frame.
+        site: the site of the frame.
         system: the vehicle of a telemetry log that has several; None: the only one.
 
     Raises:
@@ -228,7 +228,7 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
 
 
 def _of_its_standing(path: Path) -> list[str]:
-    """Finding on the track of a flight that still goes on, or that was not followed to its end."""
+    """Finding on the track of a flight that continues, or that was not followed to its end."""
     if path.name != TRACK:
         return []
     words = {

@@ -117,7 +117,7 @@ class Phases:
     """The phase of each sample; every sample belongs to exactly one."""
 
     route: BoolArray  # (n,) between the first and the last planned waypoint
-    column: BoolArray  # (n,) take-off and landing, where no clearance can be required
+    column: BoolArray  # (n,) take-off and landing, where clearance cannot be required
     # (n,) part of the transit directly above or below an end of the planned route; there the band of the route applies
     # where it is lower than the transit clearance
     junction: BoolArray
@@ -315,7 +315,7 @@ def _zone_entries(
 
 
 def zones_at_unknown_time(site: Site, track: Track, enu_m: FloatArray, joined: BoolArray) -> list[str]:
-    """Names of zones outside the flight window that a track without a time of day enters."""
+    """Zones outside the flight window that a track without a time of day enters, by name."""
     if not site.other_zones:
         return []
     entries = _zone_entries(site, track, enu_m, joined)

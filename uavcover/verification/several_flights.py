@@ -47,7 +47,7 @@ SAME_FLIGHT = data_table(_SameFlight, "uavcover/data/verification.toml", "same_f
 class SameFlight:
     """Agreement of two records of one flight."""
 
-    duration_s: float  # how long they agree while moving
+    duration_s: float  # duration of their agreement while moving
     shift_s: float  # seconds to add to the times of the second record
     median_m: float  # median distance between their positions
     aside_m: float  # horizontal distance, less most of the time
@@ -113,7 +113,7 @@ class CommonTime:
 
 
 def common_time(one: Track, other: Track) -> CommonTime | None:
-    """The time that two tracks share: when their positions arrived, else the satellites' time; None where one tells neither."""
+    """The time that two tracks share: arrival times of positions, otherwise satellite time; None without either."""
     for name in ("received_utc_s", "unix_time_s"):
         utc = [getattr(track, name) for track in (one, other)]
         known = [np.isfinite(each) for each in utc]
@@ -172,7 +172,7 @@ def records_of_one_flight(judged: Sequence[JudgedTrack]) -> list[Records]:
 
 
 def at_two_places(judged: Sequence[JudgedTrack], records: Sequence[Records]) -> list[str]:
-    """Tracks of one vehicle that overlap in time and are of two flights, one line each."""
+    """Overlapping tracks of one vehicle that are different flights, one line each."""
     same = {(record.first, record.second) for record in records}
     found = []
     for second, other in enumerate(judged):
@@ -352,7 +352,7 @@ def _places(track: Track, times: SharedTimes, moments: FloatArray) -> FloatArray
 
 
 def _stands(track: Track, times: SharedTimes, moments: FloatArray) -> BoolArray:
-    """(n,) whether a vehicle has not left the ground yet, or is back on it, at (n,) moments."""
+    """(n,) whether a vehicle is on the ground at (n,) moments, before take-off or after landing."""
 
     def near(place_m: FloatArray) -> BoolArray:
         off = track.enu_m - place_m

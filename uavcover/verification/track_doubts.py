@@ -1,8 +1,8 @@
-"""Reasons to distrust a track: where it begins and ends, its motion although most of it is possible, and its sampling.
+"""Reasons to distrust a track: its ends, its motion although most of it is possible, and its sampling.
 
-A receiver may lose and regain its position a few times in a flight. That leaves impossible moves, and each looks like a jump:
-without it, the motion before and after continues as a vehicle can fly. A velocity that changes at once is no jump. Time was
-inserted there, a stretch was taken out, or two flights were joined, and the real motion was not observed.
+A receiver may lose and regain its position a few times in a flight. This leaves impossible moves that look like jumps: without
+them, the motion before and after is continuous. A velocity that changes at once is no jump: time was inserted, a stretch was
+removed, or two flights were joined, so the real motion was not observed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -119,7 +119,7 @@ def _still(enu_m: FloatArray, first: int, last: int, time_s: FloatArray, noise_m
 
 @dataclass(frozen=True, slots=True)
 class FlightContinuation:
-    """A track that continues in the air where another one ended."""
+    """A track that continues a flight in the air."""
 
     before: int  # number of the track that ended
     after: int  # number of the track that continues
@@ -250,7 +250,7 @@ def _is_possible(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, al
 
 
 def sampling_doubts(track: Track, motion: Motion, known: KnownAttitude) -> list[str]:
-    """Positions that no estimator gives, or that are too far apart to tell a flight from a drawn line."""
+    """Positions that no estimator produces, or that are too far apart to distinguish a flight from a drawn line."""
     doubts = []
     if motion.white_m > 0.0:
         doubts.append(

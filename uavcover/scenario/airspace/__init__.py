@@ -1,1 +1,1 @@
-"""No-fly zones: read from people's and authorities' files, and in the local frame."""
+"""No-fly zones: read from files, and in the local frame."""

@@ -1,6 +1,6 @@
 """Permitted ground for planned legs: the fence without the no-fly zones that meet a range of heights.
 
-Where steps of the ground part what is left (:mod:`uavcover.scenario.airspace.flyable`), they may be in one part of it.
+If steps of the ground divide the rest, legs stay in one part of it.
 
 For the search a zone counts over its whole outline where it meets the heights anywhere over it; legs are tested against floor and
 ceiling themselves (:mod:`uavcover.scenario.airspace.zones`). To fly below a floor, the height band has to end below it.
@@ -72,14 +72,13 @@ def _zone_end_m(
 
 # Find ground steps that no leg can pass: between two nodes they are higher than the height band is wide.
 #
-# A leg beside a cliff that is low enough above its top is too high above its foot. Where such steps part the ground,
-# a route stays on one side.
+# A leg across a cliff that is low enough above its top is too high above its foot. A route stays on one side of such steps.
 
 _LEAST_SHARE = 0.005
-"""Smallest share of a region: a smaller part behind steps, such as a ledge, is ignored."""
+"""Smallest fraction of a region: a smaller part behind steps, such as a ledge, is ignored."""
 
 _WIDTH_TO_M = 0.1
-"""How exactly a width is found."""
+"""Accuracy of a width."""
 
 
 def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slope: float) -> list[shapely.Polygon]:
@@ -98,7 +97,7 @@ def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slo
     parts = [part for part in polygons_in(region.difference(steps)) if part.area >= least_m2]
     if len(parts) <= len(polygons_in(region)):
         return []
-    # A step that can be flown around is no hole: legs are checked, and ways around many of them would take long.
+    # A step that can be flown around is not a hole: legs are checked, and paths around many steps would be slow.
     return [_without_small_holes(part, region, least_m2) for part in parts]
 
 
@@ -182,7 +181,7 @@ def _highest_step_m(surface: Surface, bounds_m: Bounds) -> float:
 
 
 _ROUNDING_M = 0.05
-"""Planned legs stay this much farther away than they have to, so that rounding does not matter."""
+"""Extra distance of planned legs, for rounding."""
 _MANY_CORNERS = 40
 _SIMPLER_BY_M = 2.0
 _SAMPLES_ACROSS = 150
@@ -241,7 +240,7 @@ def _flyable_area(site: Site) -> FlyableArea:
         return _between_steps(site, FlyableArea(site.fence))
     pieces = polygons_in(_without(site, closed))
     there = len(pieces)
-    # Only what can be reached from home counts: pieces behind zones that no transit passes under or over are not.
+    # Only ground that can be reached from home counts, not pieces behind zones that no transit passes under or over.
     walls = [zone for zone in site.zones if is_wall(site, zone)]
     reached = [piece for piece in polygons_in(_without(site, walls)) if _holds_home(site, piece)]
     if reached:

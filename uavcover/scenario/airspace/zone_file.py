@@ -34,8 +34,8 @@ METRES: Final = {"M": 1.0, "FT": 0.3048, "F": 0.3048, "KM": 1000.0, "NM": 1852.0
 """Units of heights and lengths."""
 
 _LOWEST_PRESSURE_M = 550.0
-"""A flight level is a pressure: where 950 hPa reduced to sea level is measured, it lies so much lower than in the standard
-atmosphere, at 1050 hPa about 300 m higher ..."""
+"""A flight level is a pressure level. At 950 hPa, reduced to sea level, it is lower by this than in the standard atmosphere; at
+1050 hPa it is about 300 m higher ..."""
 _COLD_SHARE = 0.15
 """... and in air 40 degrees colder than the standard one everything is 15 % lower."""
 
@@ -90,10 +90,10 @@ def height_key(end: str, value: float, unit: str, datum: str, *, where: str) -> 
         value: the number.
         unit: of METRES.
         datum: "AGL" or "AMSL", or other words for them; "STD" for flight levels.
-        where: names the zone and the line in errors.
+        where: zone and line, for errors.
 
     Raises:
-        FormatError: unit or datum are not known.
+        FormatError: the unit or datum is unknown.
     """
     if unit.upper() not in METRES:
         raise FormatError(f"{unit[:20]!r} is not a supported unit of height", where=where, advice="use m, ft or FL")

@@ -1,8 +1,8 @@
-"""No-fly zones in the local frame, where straight legs enter them, and shortest ways around them.
+"""No-fly zones in the local frame, the entries of straight legs, and shortest paths around the zones.
 
-Legs are judged exactly, at full length, with floor and ceiling. Over the outline a leg is in a zone unless all of it is below
+Legs are checked exactly, at full length, with floor and ceiling. Over the outline, a leg is in a zone unless all of it is below
 every floor, or all of it is above every ceiling. Heights change continuously along a leg, so for one floor and one ceiling of the
-same kind this is no more than what enters.
+same kind this is exact.
 """
 
 import math
@@ -31,7 +31,7 @@ Polygons = shapely.Polygon | shapely.MultiPolygon
 CIRCLE_CORNERS = 64
 """Corners of the polygon around a circle, where one is needed: it is 0.12 % wider."""
 _CORNER_REACH_M = 3.0
-"""Corners of ways around circles lie this far outside of them."""
+"""Distance of corners of paths around circles from the circles."""
 _TOUCHING_M = 1e-6
 """Legs along an edge are outside."""
 _HEIGHT_TOLERANCE_M = 1e-6
@@ -102,7 +102,7 @@ def local_zones(entries: Sequence[NoFly], frame: LocalFrame | None, places: shap
     Args:
         entries: zones with outlines, checked.
         frame: the local frame; needed for zones in degrees.
-        places: what may be flown over, (east, north) metres.
+        places: positions of possible flights, (east, north) metres.
     """
     found = []
     for number, entry in enumerate(entries):
@@ -328,13 +328,13 @@ def check_is_outside(key: str, zones: tuple[Zone, ...], place_m: FloatArray, alt
 
 
 _INSIDE_M = 0.02
-"""Corners of ways lie this far inside, so that rounding does not take them out."""
+"""Distance of corners of paths from the edge, for rounding."""
 _MOST_CORNERS = 48
-"""A wall with more corners is divided: every line that comes near asks all corners of it."""
+"""A wall with more corners is divided, because every nearby line tests all its corners."""
 
 
 class WayRound:
-    """Shortest ways on the map inside a region with holes. Their corners are corners of the region that stick into it."""
+    """Shortest paths on the map inside a region with holes. Their corners are corners of the region that protrude into it."""
 
     def __init__(self, region: Polygons) -> None:
         self.region = region
@@ -354,7 +354,7 @@ class WayRound:
 
     @property
     def corners_m(self) -> FloatArray:
-        """(k, 2) corners of ways."""
+        """(k, 2) possible corners of paths."""
         return self._corners[:, :2]
 
     def are_straight(self, ends_m: FloatArray) -> BoolArray:
@@ -378,9 +378,9 @@ class WayRound:
         return np.array([a_m, *self._corners[numbers, :2], b_m]) if numbers.size else None
 
     def along(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray | None:
-        """(k, 2) corners of a path that follows the straight line wherever that is inside, and is shortest in between.
+        """(k, 2) corners of a path that follows the straight line inside the region, and is shortest in between.
 
-        A flight line is to see the ground beside it: the shortest way around what is in its middle would leave it at its end.
+        A flight line should observe the ground beside it; a shortest path around its middle would leave the line at its end.
         """
         if self.is_straight(a_m, b_m):
             return np.array([a_m, b_m])

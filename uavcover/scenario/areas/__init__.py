@@ -1,1 +1,1 @@
-"""Areas from people's own files: one reader for every format, any coordinate system."""
+"""Areas from the user's files: one reader for every format and coordinate system."""

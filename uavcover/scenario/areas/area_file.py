@@ -49,14 +49,12 @@ class RingReading:
 
 
 def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[shapely.Polygon], tuple[str, ...]]:
-    """Read a polygon of a file in longitude and latitude, in several parts where repair gives several.
+    """Read a polygon of a file in longitude and latitude, in several parts if the repair gives several.
 
-    Also return a note on repair.
-
-    Longitudes of one polygon are continuous: across 180 degrees they go beyond it.
+    Also return a note on the repair. Longitudes of one polygon are continuous, also across 180 degrees.
 
     Raises:
-        InputError: says what is wrong with the polygon, where, and the way out.
+        InputError: describes the problem of the polygon, its position, and the solution.
     """
     outlines = [_outline(ring, reading, f"{where}{f', hole {n}' if n else ''}") for n, ring in enumerate(rings)]
     if reading.crs.is_geographic:
@@ -248,7 +246,7 @@ _WKT = re.compile(
     r"|POLYHEDRALSURFACE|TIN|TRIANGLE|GEOMETRYCOLLECTION)\s*(Z|M|ZM)?\s*(\(|EMPTY\b|$)",
     re.IGNORECASE,
 )
-"""Also shapes that are no area: their error says so."""
+"""Including shapes without area, which get an error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,7 +258,7 @@ class AreaQuery:
     layer: str | None = None  # of the file; None: the only one
     feature: str | None = None  # name or number (from 1) of one feature; None: all of them
     crs: str | None = None  # the coordinate system, such as ``EPSG:32632``, instead of the one that the file names
-    make_valid: bool = False  # whether outlines that cross themselves and rings that are not closed are mended
+    make_valid: bool = False  # whether to repair outlines that cross themselves and rings that are not closed
     swap_axes: bool = False  # whether the file has latitude, or north, first
 
 
@@ -275,7 +273,7 @@ class FoundArea:
 
 
 def is_area_file(source: str) -> bool:
-    """Whether the name or the text is an area's, and not a scenario's."""
+    """Whether the name or the text describes an area rather than a scenario."""
     return Path(source).suffix.lower() in SUFFIXES or is_area_text(source)
 
 

@@ -32,7 +32,7 @@ class AreaFeature:
     polygons: tuple[Rings, ...]
     name: str = ""  # of the feature; empty without one
     layer: str = ""  # the layer, folder or kind it belongs to; empty where the format has none
-    properties: Mapping[str, Any] = field(default_factory=dict)  # what else GeoJSON says of it
+    properties: Mapping[str, Any] = field(default_factory=dict)  # other properties in GeoJSON
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class AreaDocument:
     source: str  # names it in errors
     features: tuple[AreaFeature, ...]  # those with polygons, in the order of the file
     crs: CRS | None = WGS84  # their coordinate system; None when the file does not say
-    others: str = ""  # what else is in it, for the error when there is no polygon: "2 lines"
+    others: str = ""  # its other content, for the error without a polygon: "2 lines"
     rings_may_be_open: bool = False  # whether the format leaves out the last corner, which repeats the first
     unclosed: tuple[str, ...] = ()  # places of rings that should have been closed and were not, found while reading
     notes: tuple[str, ...] = ()  # what was repaired or left out, one line each
