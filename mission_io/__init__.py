@@ -143,7 +143,7 @@ _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names
 
 
 def __getattr__(name: str) -> Any:
-    """The public names, each loaded with what it needs when it is first used."""
+    """The public names, each loaded on first use."""
     if name not in _PLACE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_PLACE_OF[name]), name)

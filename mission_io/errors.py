@@ -3,7 +3,7 @@
 from typing import Any, Literal
 
 VehicleHolds = Literal["unchanged", "replaced", "mixed", "unknown"]
-"""What the vehicle holds after a failed transfer."""
+"""The state of the vehicle's list after a failed transfer."""
 
 
 class MissionIoError(Exception):

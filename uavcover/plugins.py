@@ -58,7 +58,7 @@ def load(group: str, name: str) -> Any:
 
 @cache
 def loaded(group: str) -> Mapping[str, Any]:
-    """Every object of a group that can be loaded, by name; a broken package is logged and left out."""
+    """Every object of a group that can be loaded, by name; a broken package is logged and omitted."""
     objects: dict[str, Any] = {}
     for name in registered(group):
         try:

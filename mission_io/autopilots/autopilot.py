@@ -1,4 +1,4 @@
-"""Treatment of missions by ArduPilot and PX4, as data: what they accept, round and answer, and their flight modes.
+"""Treatment of missions by ArduPilot and PX4, as data: accepted values, rounding, answers, and flight modes.
 
 Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources. A vehicle keeps three
 lists: mission, fence and rally points. Each is an item list on the wire.
@@ -25,13 +25,13 @@ from mission_io.wire.messages import float32
 
 @dataclass(frozen=True, slots=True)
 class StorageRule:
-    """One way in which an autopilot changes what it is given, by design."""
+    """One change that an autopilot makes to stored missions by design."""
 
     field: str  # the changed field: ``param1`` to ``param4``, ``lat_deg``, ``lon_deg`` or ``alt_m``
     commands: frozenset[int]  # the commands it concerns
     store: Callable[[float], float]  # from the number sent to the number that comes back
     largest_change: float  # a larger change is not by design, even when ``store`` predicts it
-    why: str  # the reason, for people
+    why: str  # the reason, as text
 
 
 Storage: TypeAlias = Mapping[tuple[str, int], StorageRule]
@@ -189,7 +189,7 @@ PX4_STORAGE = _by_field(*_drop(("param3",), {_C.NAV_WAYPOINT}, "PX4 does not sto
 class Autopilot:
     """Treatment of missions by one autopilot."""
 
-    name: str  # for people
+    name: str  # shown to the user
     mav_autopilot: AutopilotId  # its MAV_AUTOPILOT number in heartbeats
     firmware: Firmware  # which of its programs: each has flight mode numbers of its own
     home_in_item_0: bool  # whether item 0 of a mission is home (overwritten by the vehicle's own) or the first item
@@ -198,7 +198,7 @@ class Autopilot:
     command_frame_returned: Frame  # the frame that such a command comes back with
     # whether items come back with the frames 5, 6 and 11, or with 0, 3 and 10 although their coordinates are integers
     returns_int_frames: bool
-    storage: Storage  # what it changes in the numbers it stores, by field and command
+    storage: Storage  # changes of the numbers it stores, by field and command
     # whether that flag comes back as it was sent. If not, it comes back set, and not set from fences and rally points
     # (seen with ArduCopter 4.7).
     keeps_autocontinue: bool
@@ -212,9 +212,9 @@ class Autopilot:
     legacy_requests: bool  # whether it asks for items with the deprecated MISSION_REQUEST
     rerequest_s: float  # it asks again after this silence
     give_up_s: float  # it ends an upload after this silence
-    says_give_up: bool  # whether it tells (with OPERATION_CANCELLED) that it gave up
+    says_give_up: bool  # whether it reports (with OPERATION_CANCELLED) that it gave up
     atomic: frozenset[MissionType]  # the lists that a failed upload leaves as they were
-    busy_result: MissionResult  # what a second ground station's upload is answered
+    busy_result: MissionResult  # its answer to the upload of a second ground station
     # answer to a request for a list or an item while another transfer keeps it out; None for nothing
     busy_request_result: MissionResult | None
     # what an emptying is answered meanwhile: ArduPilot says no twice, in two words
@@ -229,10 +229,10 @@ class Autopilot:
     # whether a COUNT in the middle of an upload starts it over, and CLEAR_ALL of who uploads ends it; if not, COUNT is
     # answered ERROR
     count_restarts: bool
-    wrong_sequence_result: MissionResult | None  # what an item that was not asked for is answered; None for nothing
+    wrong_sequence_result: MissionResult | None  # its answer to an unrequested item; None for none
     acks_repeated_last_item: bool  # whether the last item, sent again after the end, is acknowledged again
     idle_item_result: MissionResult | None  # what an item is answered when no upload is going on; None for nothing
-    download_blocks_s: float  # for how long a download that was not acknowledged keeps uploads out; 0 for not at all
+    download_blocks_s: float  # time for which an unacknowledged download blocks uploads; 0 for none
     boot_refusal_s: float  # for how long after boot an upload is answered NO_SPACE
     # whether it tells an id of each list, in transfers and in MISSION_CURRENT, that changes with its content
     has_list_ids: bool
@@ -296,16 +296,16 @@ ARDUPILOT_PLANE = replace(ARDUPILOT, name="ArduPilot (plane)", firmware=Firmware
 """ArduPilot on fixed wings, with or without vertical take-off (ArduPlane)."""
 
 ARDUPILOT_ROVER = replace(ARDUPILOT, name="ArduPilot (rover)", firmware=Firmware.ROVER)
-"""ArduPilot on the ground and on water (Rover): it stores what a copter does."""
+"""ArduPilot on the ground and on water (Rover): it stores the same as a copter."""
 
 ARDUPILOT_SUB = replace(ARDUPILOT, name="ArduPilot (submarine)", firmware=Firmware.SUB)
-"""ArduPilot under water (ArduSub), taken to store what a copter does."""
+"""ArduPilot under water (ArduSub), assumed to store the same as a copter."""
 
 ARDUPILOT_BLIMP = replace(ARDUPILOT, name="ArduPilot (airship)", firmware=Firmware.BLIMP)
-"""ArduPilot on airships (Blimp), taken to store what a copter does."""
+"""ArduPilot on airships (Blimp), assumed to store the same as a copter."""
 
 _ARDUPILOT_OTHER = replace(ARDUPILOT, name="ArduPilot (other)", firmware=Firmware.OTHER)
-"""ArduPilot on what has a MAV_TYPE of which nothing is known: lists can be transferred, modes have no numbers."""
+"""ArduPilot with an unknown MAV_TYPE: lists can be transferred, modes have no numbers."""
 
 PX4 = Autopilot(
     name="PX4",
@@ -413,7 +413,7 @@ def has_mode(autopilot: Autopilot, mode: Mode) -> bool:
 
 
 def mode_from_custom(autopilot: Autopilot, number: int) -> Mode | None:
-    """The mode that a heartbeat's ``custom_mode`` stands for; None for one that this package has no word for."""
+    """The mode of a heartbeat's ``custom_mode``; None for one that this package does not know."""
     modes = _MODES.get(autopilot.firmware, {})
     return next((mode for mode, numbers in modes.items() if number in numbers), None)
 

@@ -1,4 +1,4 @@
-"""Differences between missions: what a vehicle holds against what was meant, and one mission against another.
+"""Differences between missions: the vehicle's mission against the intended one, and one mission against another.
 
 The comparison with a vehicle is the only one in the package: used after an upload, before arming, and in flight. Positions agree
 within 2 cm, or within the effect of MAVLink's steps of 1e-7 degrees where that is larger; heights agree within 2 cm; parameters
@@ -74,7 +74,7 @@ class Meaning(Enum):
 def meaning_of(command: int, number: int) -> Meaning:
     """The meaning of a command's parameter ``number`` (1 to 7); a plain number for unknown commands.
 
-    Parameters 5 to 7 of a command with a position are the position, and not asked for here.
+    Parameters 5 to 7 of a command with a position are the position, and not covered here.
     """
     known = _meanings().get(command, "")
     return _LETTERS[known[number - 1]] if number <= len(known) else Meaning.NUMBER
@@ -88,7 +88,7 @@ def has_no_place(command: int) -> bool:
 def number_for_nan(item: MissionItem, number: int) -> float:
     """The number for NaN in parameter 1 to 4 of a format without NaN; NaN where none means the same.
 
-    A heading becomes 0, as other programs write it although it means north: who writes it has to say so.
+    A heading becomes 0, as other programs write it, although it means north; the writer must report that.
     """
     match meaning_of(item.command, number):
         case Meaning.IF_NOT_NEGATIVE:
@@ -132,13 +132,13 @@ _STRUCTURE = ("count", "command", "frame")
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One field that differs from what was meant."""
+    """One field that differs from the intended value."""
 
     item: int | None  # number of the item on the wire, from 0; None when the lists differ in length
     # ``count``, ``command``, ``frame``, ``param1`` to ``param4``, ``lat_deg``, ``lon_deg``, ``alt_m``,
     # ``autocontinue``, or ``home`` for a whole item 0 that an autopilot replaced
     field: str
-    sent: FieldValue  # what was sent, or meant
+    sent: FieldValue  # the sent or intended value
     received: FieldValue  # what came back, or is held
     acceptable: bool  # whether it is none: rounding, the autopilot's design, or another number for the same thing
     why: str  # the reason for that verdict
@@ -187,7 +187,7 @@ def faults(differences: Sequence[Difference]) -> tuple[Difference, ...]:
 
 
 def fault_text(differences: Sequence[Difference]) -> str | None:
-    """The largest fault with its size, and how many there are, for people; None without one."""
+    """The largest fault with its size, and the number of faults, as text; None without one."""
     wrong = faults(differences)
     if not wrong:
         return None

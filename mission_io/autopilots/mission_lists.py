@@ -59,7 +59,7 @@ def home_item(home: GeoPoint) -> MissionItem:
 
 
 def mission_from_wire(items: Sequence[MissionItem], autopilot: Autopilot) -> Mission:
-    """The mission that an autopilot's item list stands for; the inverse of ``wire_items``.
+    """The mission of an autopilot's item list; the inverse of ``wire_items``.
 
     Commands known to have no position get the frame COMMAND, whichever the autopilot returned them with.
     """
@@ -158,10 +158,10 @@ class Problem:
 
     item: int | None  # number of the item on the wire, from 0; None for the whole list
     field: str  # the field; empty for the whole item
-    what: str  # what is wrong and what to do
+    what: str  # the problem and the remedy
 
     def __str__(self) -> str:
-        """One line for people."""
+        """One line as text."""
         where = "the list" if self.item is None else f"item {self.item}"
         return f"{where}{f', {self.field}' if self.field else ''}: {self.what}"
 

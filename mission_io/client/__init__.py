@@ -1,1 +1,1 @@
-"""A ground station: who is on the link, commands, transfers."""
+"""A ground station: the vehicles on the link, commands, transfers."""

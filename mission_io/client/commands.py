@@ -256,7 +256,7 @@ class VehicleParameters:
         return {one.name: one for one in found if one.name.startswith(prefix)}
 
     def read(self, names: Collection[str], *, timeout_s: float = 3.0) -> dict[str, Parameter]:
-        """Read some parameters by name; those that the vehicle does not have are left out.
+        """Read some parameters by name; those that the vehicle does not have are omitted.
 
         A vehicle may be silent about what it does not have; then this takes ``timeout_s`` seconds.
         """

@@ -47,7 +47,7 @@ class Service(Protocol):
         """Messages to send at ``now``."""
 
     def next_timer(self) -> float | None:
-        """When it wants to be asked again; None for not before the next message."""
+        """Time of the next call without a message; None if it needs none."""
 
 
 class Machine(Service, Protocol):
@@ -76,8 +76,7 @@ class Connection(Closing):
         impostor: A different vehicle (by autopilot or type) whose heartbeats carry our vehicle's ids; None normally.
             Such heartbeats do not count as our vehicle's.
         give_up: Polled at every message and at least once a second while a call waits; True ends the call with a
-            WaitCancelledError. None never does. Transfers have their own ``stop``, which also cancels them on the
-            vehicle.
+            WaitCancelledError. None never does. Transfers have their own ``stop``, which also cancels them on the vehicle.
         services: Answer the vehicle's questions whenever any call waits, such as those for terrain heights.
     """
 
@@ -356,7 +355,7 @@ class Connection(Closing):
             raise WaitCancelledError("the call was cancelled; the vehicle may still have received it")
 
     def _serve(self, now: float) -> float:
-        """Send what the services have due; when they want to be asked again."""
+        """Send the due messages of the services; return the time of their next call."""
         wake = math.inf
         for service in self.services:
             for message in service.messages_to_send(now):
@@ -408,7 +407,7 @@ class Connection(Closing):
         return ours
 
     def _answer_time(self, question: TimeSync) -> None:
-        """Answer a vehicle's question for our time, unless it asks too often."""
+        """Answer a vehicle's request for our time, unless it asks too often."""
         if self._time_answers.allows(self.clock.now()):
             self.send(TimeSync(answered_ns=round(self.clock.now() * 1e9) or 1, asked_ns=question.asked_ns))
 

@@ -1,4 +1,4 @@
-"""Files and flight logs of a vehicle: several requests on the way, and an interrupted transfer continues."""
+"""Files and flight logs of a vehicle: several pending requests, and interrupted transfers continue."""
 
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
@@ -221,7 +221,7 @@ class FileDownloads(_Files[FtpDownload]):
         """One of ArduPilot's lists, downloaded as one file; the same items as ``Client.download`` gives.
 
         Raises:
-            FormatError: the file is not what it should be.
+            FormatError: the file is not a valid mission file.
             TransferError: as for ``download``; other autopilots have no such file.
         """
         path = dat_path(mission_type)
@@ -319,7 +319,7 @@ class LogDownload:
         if piece == self._first_gap:
             self._first_gap = self._here.find(0, piece)
         if self._asked_to is not None and (self._first_gap < 0 or self._first_gap >= self._asked_to):
-            self._asked_to = None  # the stretch is whole: ask for the next at once
+            self._asked_to = None  # the stretch is complete: request the next at once
 
     def messages_to_send(self, now: float) -> list[Message]:
         """Messages due at ``now``."""
@@ -342,7 +342,7 @@ class LogDownload:
         return max(self._new_at, self._asked_at) + FILES.quiet_s
 
     def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it is over."""
+        """Time of the next call without a message; None if it needs none."""
         if self.finished:
             return None
         if self._over or self._asked_to is None:

@@ -26,10 +26,10 @@ def upload_part(
     stop: Stop | None = None,
     in_flight: bool = False,
 ) -> ReadBack:
-    """Write items over those of the vehicle's mission, then read the whole mission back and compare it.
+    """Replace items of the vehicle's mission, then read the whole mission back and compare it.
 
-    The mission is read first: its other items are what they have to be afterwards. Only ArduPilot takes parts
-    (MISSION_WRITE_PARTIAL_LIST), and each item as it comes: an error in between leaves the items before it written.
+    The mission is read first, because its other items must not change. Only ArduPilot takes parts (MISSION_WRITE_PARTIAL_LIST),
+    and each item as it comes: an error in between leaves the items before it written.
 
     Args:
         client: Connected to the vehicle.
@@ -103,7 +103,7 @@ def read_list_ids(client: Client, *, timeout_s: float = CALLS.list_id_answer_s) 
 def list_changed(
     client: Client, mission_type: MissionType, *, timeout_s: float = CALLS.list_id_answer_s
 ) -> bool | None:
-    """Whether a list is another one than the client transferred last, either way.
+    """Whether a list differs from the one that this client transferred last, in either direction.
 
     Args:
         client: Has uploaded or downloaded that list.
@@ -111,12 +111,12 @@ def list_changed(
         timeout_s: Longest time to wait for an answer.
 
     Returns:
-        None when the vehicle cannot tell: it has no ids, and the number of items is the same. Then only a download tells.
-        Also None when this client has not transferred the list.
+        None if this client has not transferred the list, or if the vehicle has no ids and the number of items is the same. Then
+        only
+        a download can find a change.
 
     Raises:
-        VehicleSilentError: no answer.
-        TransferError: the vehicle refuses to tell the number of items.
+        VehicleSilentError: no answer within ``timeout_s`` seconds.
     """
     known = client.transferred.get(mission_type)
     if known is None:

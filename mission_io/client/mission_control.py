@@ -115,7 +115,7 @@ class SetCurrent:
         return messages
 
     def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it is over."""
+        """Time of the next call without a message; None if it needs none."""
         if self.finished:
             return None
         return self._until if self._said_at is None else min(self._until, self._said_at + self._again_s)
@@ -127,7 +127,7 @@ class ItemProgress:
 
     current: int | None = None  # the item that the vehicle flies to, by its number on the wire; None before it has said
     reached: int | None = None  # the latest item that it has reported as reached; it may repeat some and leave some out
-    total: int | None = None  # how many items there are, home left out; None where the vehicle does not say
+    total: int | None = None  # how many items there are, home omitted; None where the vehicle does not say
     state: int = MissionState.UNKNOWN  # A MissionState; UNKNOWN where the vehicle does not say
 
     @property

@@ -51,7 +51,7 @@ class VehicleInfo:
 
     @property
     def described(self) -> str:
-        """Its own description for people: ``ArduPilot, quadrotor``."""
+        """Its own description as text: ``ArduPilot, quadrotor``."""
         names: dict[int, str] = {AutopilotId.ARDUPILOT: "ArduPilot", AutopilotId.PX4: "PX4"}
         return f"{names.get(self.mav_autopilot, f'autopilot {self.mav_autopilot}')}, {type_name(self.vehicle_type)}"
 
@@ -63,7 +63,7 @@ class VehicleInfo:
 
 
 class Peers:
-    """Everybody whose messages arrive; logs once for each what a pilot should know.
+    """All senders of messages; logs once for each what a pilot should know.
 
     Args:
         local: Our own address.

@@ -1,4 +1,4 @@
-"""The outcome of a failed transfer: why it failed, what the vehicle holds now, and how many items it accepts.
+"""The outcome of a failed transfer: the reason, the vehicle's list, and its capacity.
 
 What a vehicle holds is inferred from its autopilot's behaviour and from what was read back.
 
@@ -39,7 +39,7 @@ class ReadBack:
 
     @property
     def passed(self) -> bool:
-        """Whether the vehicle holds what was meant: every difference is by its autopilot's design."""
+        """Whether the vehicle holds the intended list, except for differences by its autopilot's design."""
         return all(difference.acceptable for difference in self.differences)
 
     def as_json(self) -> dict[str, Any]:
@@ -188,7 +188,7 @@ def description(
     autopilot: Autopilot | None,
     mission_type: MissionType,
 ) -> str:
-    """One line on what the vehicle holds and what to do about it."""
+    """One line on the vehicle's list and the remedy."""
     text = f"the vehicle's list is now {holds}"
     if held is not None:
         text += f" ({counted(len(held), 'item')}"

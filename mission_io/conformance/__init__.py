@@ -1,5 +1,5 @@
-"""Asks vehicles and ground stations for the cases of the MAVLink mission protocol, and judges what they do.
+"""Test vehicles and ground stations against the MAVLink mission protocol, case by case.
 
-``python -m mission_io.conformance URL`` asks a vehicle, ``--serve URL`` is a vehicle that misbehaves on purpose and judges
-the ground station that talks to it. See docs/reference/conformance.md.
+``python -m mission_io.conformance URL`` tests a vehicle. ``--serve URL`` is a vehicle that misbehaves on purpose, and judges the
+connected ground station. See docs/reference/conformance.md.
 """

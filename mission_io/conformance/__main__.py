@@ -1,4 +1,4 @@
-"""``python -m mission_io.conformance``: asks a vehicle, or judges a ground station."""
+"""``python -m mission_io.conformance``: tests a vehicle or a ground station."""
 
 import argparse
 import json
@@ -158,7 +158,7 @@ def _serve(parsed: argparse.Namespace) -> int:
     if parsed.system is not None and not 1 <= parsed.system <= 254:
         raise MisuseError(f"--system: {parsed.system} is not a vehicle's system id; use 1 to 254")
     cases = _chosen(CLIENT_CASES, parsed.case)
-    if not parsed.case:  # such a case needs a user who starts it
+    if not parsed.case:  # such a case needs a user to start it
         cases = [case for case in cases if case.operation not in ON_REQUEST]
     out = sys.stderr if parsed.json else sys.stdout
     by_name = {case.name: case for case in cases}

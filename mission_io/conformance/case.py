@@ -69,7 +69,7 @@ STATION = data_table(_Station, "mission_io/data/conformance.toml", "station")
 REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
 ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
 PROTOCOL: Final = (m.MissionCount, *REQUESTS, *ITEMS, m.MissionAck)
-"""What a vehicle says in the mission protocol."""
+"""Messages of a vehicle in the mission protocol."""
 
 # The sections of the MAVLink mission guide that the cases quote by name, with their addresses.
 
@@ -97,7 +97,7 @@ class Section(Enum):
     TIMEOUTS = "Timeouts and Retries", "#timeout"
     ERRORS = "Errors/Completion", "#errors"
     ROUTING = "MAVLink Routing", "https://mavlink.io/en/guide/routing.html"
-    """Another page: who a message is for."""
+    """Another page: the recipient of a message."""
 
     def __init__(self, heading: str, address: str) -> None:
         self._value_ = heading
@@ -164,7 +164,7 @@ class Outcome(Enum):
     REFUSED = "refused"
     """The other side said no, which it may, so the question stayed open."""
     NOT_SUPPORTED = "not supported"
-    """The other side has no such thing, or does not let it be seen."""
+    """The other side does not have it, or does not show it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,13 +188,13 @@ class FailedError(EndedError):
 
 
 class RefusedError(EndedError):
-    """The other side refused what the case needs."""
+    """The other side refused the case."""
 
     verdict = Outcome.REFUSED
 
 
 class LackingError(EndedError):
-    """The other side does not have what the case is about."""
+    """The other side lacks the subject of the case."""
 
     verdict = Outcome.NOT_SUPPORTED
 
@@ -204,7 +204,7 @@ class ProtocolCase(Generic[SubjectT]):
     """One question."""
 
     name: str  # for ``--case`` and tables
-    says: str  # what the guide says, in short
+    says: str  # the rule of the guide, in short
     section: Section  # where it says so
     ask: Callable[[SubjectT], str]  # asks it; returns what was seen, or raises an ``EndedError``
     like: tuple[str, ...] = ()  # the tests of MAVSDK's transfer suites that ask the same
@@ -231,7 +231,7 @@ def for_each_list(
 
 
 def check(condition: object, seen: str) -> None:
-    """Go on only if a condition holds. Raises FailedError: it does not; ``seen`` is what was seen."""
+    """Continue only if a condition holds. Raises FailedError with ``seen``, the observation."""
     if not condition:
         raise FailedError(seen)
 

@@ -1,4 +1,4 @@
-"""A case for a ground station: the trick that the vehicle plays, and the evidence of what the station did."""
+"""A case for a ground station: the trick that the vehicle plays, and evidence of the station's reaction."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -217,7 +217,7 @@ class Operation(Enum):
 
 
 ON_REQUEST: Final = (Operation.CANCEL_UPLOAD, Operation.CANCEL_DOWNLOAD)
-"""Only asked when the case is named: a ground station cannot know when to cancel."""
+"""Run only if the case is named, because a ground station cannot know when to cancel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,14 +232,14 @@ class HeardMessage:
 class StationEvidence:
     """Messages and states of one case."""
 
-    operation: Operation  # what the station began
+    operation: Operation  # the station's transfer
     mission_type: MissionType  # about which list
-    station: Address  # who it is
-    vehicle: Address  # whom it should talk to
+    station: Address  # its address
+    vehicle: Address  # its correct recipient
     began_s: float
     old: tuple[MissionItem, ...]  # the list that the vehicle held before
-    heard: list[HeardMessage] = field(default_factory=list)  # what it said in the mission protocol
-    said: list[HeardMessage] = field(default_factory=list)  # what the vehicle said
+    heard: list[HeardMessage] = field(default_factory=list)  # its messages in the mission protocol
+    said: list[HeardMessage] = field(default_factory=list)  # the vehicle's messages
     held: tuple[MissionItem, ...] = ()  # the list that it holds now
     reported_success: bool | None = None  # the station's report to its user; None if unknown
     unending: bool = False  # whether the station was still at it when the time was up
@@ -265,6 +265,6 @@ class StationEvidence:
 class ClientCase(ProtocolCase[StationEvidence]):
     """A case for a ground station."""
 
-    operation: Operation = Operation.UPLOAD  # what it has to begin
-    trick: Callable[[], Trick] = Trick  # makes what the vehicle does wrong
+    operation: Operation = Operation.UPLOAD  # the transfer that it must begin
+    trick: Callable[[], Trick] = Trick  # misbehaves as the vehicle
     mission_type: MissionType | None = None  # the list that it has to be about; None for any

@@ -84,7 +84,7 @@ def completes(e: StationEvidence) -> str:
 
 
 def _unlike_what_was_sent(e: StationEvidence) -> str:
-    """The difference between what the station sent and what the vehicle holds; empty without one."""
+    """The difference between the station's list and the vehicle's list; empty without one."""
     sent = {_seq(h.message): h.message for h in e.of(*ITEMS)}
     return difference([item_from_message(got) for _, got in sorted(sent.items()) if isinstance(got, ITEMS)], e.held)
 

@@ -38,7 +38,7 @@ def _listed(p: Probe, t: MissionType) -> int:
 
 
 def _item(p: Probe, t: MissionType, seq: int) -> m.MissionItemInt | m.MissionItemFloat:
-    """Ask for an item; it."""
+    """Request an item and return it."""
     answer = p.ask(m.MissionRequestInt(*p.to, seq, t), t, (*ITEMS, m.MissionAck))
     if not isinstance(answer, ITEMS):
         raise FailedError(f"requested item {seq}: {described(answer)}")

@@ -99,7 +99,7 @@ class FakeVehicle:
         return sent
 
     def next_timer(self) -> float:
-        """When it wants to be asked again although nothing arrives."""
+        """Time of the next call without a message."""
         times = [self._beat_at]
         timer = self.server.next_timer()
         if timer is not None:

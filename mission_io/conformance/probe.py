@@ -89,7 +89,7 @@ class Probe:
 
     @property
     def late_s(self) -> float:
-        """The longest delay of an answer on this link, by the slowest transfer so far."""
+        """The longest expected delay of an answer on this link, from the slowest transfer so far."""
         round_trip = self.client.patience.round_trip
         if round_trip is not None:
             self._late_s = max(self._late_s, min(PROBE.longest_late_s, round_trip.time_out_s))
@@ -113,7 +113,7 @@ class Probe:
         return m.MissionAck(*self.to, result, mission_type)
 
     def forget(self) -> None:
-        """Drop what was heard so far, and what is still under way: it answers no later question."""
+        """Discard all messages so far and those still under way, so that none answers a later question."""
         self.hear(lambda _: False, self.late_s)
         self._inbox.clear()
         self._served = None
@@ -264,7 +264,7 @@ class Probe:
         raise FailedError(f"{what}: {seen}")
 
     def quiet(self, seconds: float) -> list[m.Message]:
-        """Let time pass; what the vehicle said in the mission protocol meanwhile, to whomever."""
+        """Let time pass; return the vehicle's messages in the mission protocol meanwhile, to any recipient."""
         said: list[m.Message] = []
         deadline = self.now() + seconds
         while (left := deadline - self.now()) > 0.0:

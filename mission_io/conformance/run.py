@@ -1,4 +1,4 @@
-"""Asks a vehicle case after case and gives it back what it held, or judges a ground station."""
+"""Tests a vehicle case by case and restores its lists, or tests a ground station."""
 
 import json
 import os
@@ -30,12 +30,12 @@ def ask_vehicle(
     tell: Tell,  # called with lines for the user
     answered: Callable[[CaseResult], None] | None = None,  # called with each result
 ) -> list[CaseResult]:
-    """Ask the cases; a vehicle that was found, disarmed, and whose lists may be overwritten.
+    """Run the cases on a disarmed vehicle whose lists may be overwritten.
 
-    Its lists are read before the first case and put back after the last one, also after a failure.
+    Its lists are read before the first case and restored after the last one, also after a failure.
 
     Raises:
-        MisuseError: the vehicle is armed, or its lists cannot be read or put back.
+        MisuseError: the vehicle is armed, or its lists cannot be read or restored.
     """
     _refuse_armed(probe)
     kept = keep(probe.client)
@@ -60,7 +60,7 @@ def ask_vehicle(
 
 
 def ask_one(probe: Probe, case: ProtocolCase[Probe]) -> CaseResult:
-    """Ask one case, from an idle vehicle to an idle vehicle."""
+    """Run one case, from an idle vehicle to an idle vehicle."""
     probe.rest()
     began = probe.now()
     verdict, seen = case.answered_by(probe)
@@ -109,13 +109,13 @@ def keep(client: Client) -> Kept:
 
 
 def put_back(client: Client, kept: Kept) -> str:
-    """Give the vehicle its lists back, read them, and remove the copy.
+    """Restore the vehicle's lists, read them, and remove the copy.
 
     Returns:
-        What it holds now, one line.
+        The vehicle's lists now, one line.
 
     Raises:
-        MisuseError: it could not be done; says where the copy is.
+        MisuseError: that failed; names the copy.
     """
     said = []
     for mission_type, items in kept.lists.items():

@@ -1,4 +1,4 @@
-"""Cases for a vehicle that takes an upload: order, repetition, what is lost, repeated or late."""
+"""Cases for a vehicle that receives an upload: order, repetition, lost, repeated and late messages."""
 
 from dataclasses import replace
 from functools import partial
@@ -42,7 +42,7 @@ def finished(p: Probe, new: tuple[MissionItem, ...], what: str, first: int = 0, 
 
 
 def last_ack(p: Probe, wait_s: float) -> Message | None:
-    """The final acknowledgement; those of single items that came twice are passed over."""
+    """The final acknowledgement, without those of single items that came twice."""
     while True:
         ack = p.answer(_MISSION, wait_s, (MissionAck,))
         if not (isinstance(ack, MissionAck) and ack.result == MissionResult.INVALID_SEQUENCE):

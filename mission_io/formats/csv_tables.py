@@ -1,7 +1,6 @@
-"""Tables as text: how programs separate columns and write decimals, and missions as CSV: ours, and Litchi's.
+"""Tables as text, with the separators and decimals of other programs; missions as CSV: ours, and Litchi's.
 
-Every reader of a table or of lines of numbers asks here, so that files are read in the same dialects everywhere, and an error
-names the one that a file was read in.
+All readers of tables and lines of numbers use this module, so that they accept the same dialects, and errors name the dialect.
 """
 
 import csv
@@ -40,7 +39,7 @@ _NAMES: Final = MappingProxyType({",": "commas", ";": "semicolons", "\t": "tabs"
 _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_POINT: Final = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?", re.ASCII)
 _SPREADSHEET: Final = re.compile(r"sep=(.)\s*", re.IGNORECASE)
-"""A first line that tells a spreadsheet the separator."""
+"""A first line that states the separator for spreadsheets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +60,7 @@ class Dialect:
         return () if (self.separator, self.decimal) == (",", ".") else (f"line {self.first_line}: read as {self}",)
 
     def rows(self, text: str) -> Iterator[tuple[int, list[str]]]:
-        """The rows with their lines, the header first: cells without space around, decimals with points; empty rows left out.
+        """The rows with their lines, the header first: cells without space around, decimals with points; empty rows omitted.
 
         Raises:
             FormatError: quotes that do not match, or a row with more cells than the header.
@@ -377,8 +376,8 @@ def is_litchi(text: str) -> bool:
 def read_litchi(text: str) -> PointRoute:
     """Read a mission of Litchi's Mission Hub.
 
-    Heights are above take-off (altitude mode 0) or above the ground (1); curved corners become sharp, with a message.
-    Litchi keeps what it does at the end outside of the file, so the mission ends above its last point.
+    Heights are above take-off (altitude mode 0) or above the ground (1); curved corners become sharp, with a message. The file
+    does not contain Litchi's action at the end, so the mission ends above its last point.
 
     Raises:
         FormatError: another header, feet, or a value that is none, with its line.
@@ -422,9 +421,9 @@ def read_litchi(text: str) -> PointRoute:
 
 
 def _camera(fields: dict[str, str], where: str) -> StopCamera:
-    """Actions at a row, the gimbal's angle, and photos by distance or time from there on.
+    """Actions at a row, the gimbal's angle, and distance or time triggers from there on.
 
-    Headings are those of Heading Mode "Custom (WD)"; in the others they are the legs' own.
+    Headings are those of Heading Mode "Custom (WD)"; in the other modes they are those of the legs.
     """
 
     def number(name: str, otherwise: str = "-1") -> float:

@@ -304,7 +304,7 @@ def read_fence_list(text: str) -> MissionFile:
 
 
 def _contents(text: str) -> Iterator[tuple[str, str]]:
-    """Each line that holds something beside a comment: where it is, and what it holds."""
+    """Each line with content other than a comment: its position, and its content."""
     for number, line in enumerate(text.split("\n"), start=1):
         content = line.split("#", 1)[0].strip()
         if content:

@@ -1,7 +1,7 @@
-"""The items of a ``.plan`` file: simple items, and what QGroundControl flies for its complex items.
+"""The items of a ``.plan`` file: simple items, and the items that QGroundControl flies for its complex items.
 
-A complex item is a definition from which QGroundControl generates items. Surveys and corridor scans carry those items in
-the file; those of a landing pattern follow from a few numbers; those of a structure scan cannot be known from the file.
+A complex item is a definition from which QGroundControl generates items. Surveys and corridor scans store these items in the
+file. Those of a landing pattern follow from a few numbers. Those of a structure scan cannot be derived from the file.
 """
 
 import math

@@ -57,11 +57,11 @@ NOTHING = StopCamera()
 
 
 def items_at_stop(before: StopCamera, here: StopCamera, course_deg: float | None) -> list[MissionItem]:
-    """The items behind a point's waypoint.
+    """The items after a point's waypoint.
 
     Args:
-        before: what the point before says.
-        here: what this one says.
+        before: state at the previous point.
+        here: state at this point.
         course_deg: of the leg after it; None at the last point.
     """
     found = []
@@ -103,7 +103,7 @@ _LOWEST_M, _HIGHEST_M = -500.0, 20_000.0
 class RouteStop:
     """A point of a route: degrees, metres above ``frame``'s reference, and the speed of the leg after it.
 
-    ``camera`` is what is done there.
+    ``camera`` has the actions there.
     """
 
     lat_deg: float
@@ -180,9 +180,9 @@ def route_from_stops(
     )
 
 
-# A mission as points and what the camera does at them, for controllers that fly points and know no commands.
+# A mission as points with camera actions, for controllers that fly points without commands.
 #
-# Nothing is left out in silence: an item that a list of points cannot express is an error that names it.
+# Nothing is omitted in silence: an item that a list of points cannot express is an error that names it.
 
 _YAW_LOCK = 16
 """GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
@@ -243,7 +243,7 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
 
 
 class _Reader:
-    """Follows a mission item by item: the points so far, and what holds from the last one on."""
+    """Reads a mission item by item: the points so far, and the state after the last one."""
 
     def __init__(self, home: GeoPoint, pitch_deg: float | None) -> None:
         self.landed = False

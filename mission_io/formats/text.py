@@ -1,4 +1,4 @@
-"""Text of mission files: what it holds, how it is decoded, numbers, XML and JSON, with lists of repairs and of doubts.
+"""Text of mission files: format, encoding, numbers, XML and JSON, with lists of repairs and doubts.
 
 Numbers are written as the shortest plain decimals that read back as the same number.
 """
@@ -405,7 +405,7 @@ def _is_in_ring(lat_deg: float, lon_deg: float, ring: Sequence[LatLon]) -> bool:
 
 
 FAR_FROM_HOME_M = 100_000.0
-"""Positions further away are doubted; no electric multicopter flies so far."""
+"""Positions further away are doubted; no electric multicopter flies that far."""
 
 
 def doubts_about(mission: Mission) -> tuple[str, ...]:

@@ -60,7 +60,7 @@ _NAN_AS_NUMBER: Mapping[Meaning, str] = MappingProxyType(
         Meaning.NUMBER: "NaN in the rate of a gimbal with a set angle is written as 0",
     }
 )
-"""What becomes of NaN. Of numbers, only a gimbal's rate gets so far."""
+"""Replacement of NaN, which only a gimbal's rate can have here."""
 
 
 @dataclass(frozen=True, slots=True)

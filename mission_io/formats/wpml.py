@@ -99,7 +99,7 @@ def _end(action: str | None, stops: list[RouteStop]) -> list[MissionItem]:
     return []
 
 
-# Action groups of DJI's WPML: what the camera does at the points of a wayline, and between them.
+# Action groups of DJI's WPML: camera actions at the points of a wayline and between them.
 #
 # Elements and values are those of DJI's table "action group" (github.com/dji-sdk/Cloud-API-Doc, WPML common elements).
 
@@ -201,7 +201,7 @@ _STAMP = (1980, 1, 1, 0, 0, 0)
 class DjiAircraft:
     """An aircraft with its camera, as WPML names it."""
 
-    title: str  # for people
+    title: str  # shown to the user
     drone: tuple[int, int]  # its type and subtype
     payload: int  # the type of its camera
     payload_position: int  # where the camera is mounted; 0 is the main gimbal

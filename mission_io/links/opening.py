@@ -325,18 +325,18 @@ def _without(data: bytes, systems: Collection[int]) -> bytes:
 
 
 # Telemetry logs (``.tlog``), in the format of ground stations: each frame follows the time of day at which it was sent or
-# received, microseconds since 1970-01-01 UTC as an unsigned 64-bit number, big-endian. Bytes between frames are left out.
-# Where the lengths in a datagram add up, as in nearly every one, checksums are left to the readers of the log.
+# received, microseconds since 1970-01-01 UTC as an unsigned 64-bit number, big-endian. Bytes between frames are omitted. Where
+# the lengths in a datagram add up, as in nearly every one, checksums are left to the readers of the log.
 
 FLUSH_S: Final = 0.2
-"""What was written reaches the operating system at least so often: a killed process loses no more."""
+"""Flush interval: a killed process loses at most this much."""
 
 
 class TelemetryLogWriter(Closing):
     """Writes one log. A context manager.
 
-    A log that cannot be written any more, for instance because the disk is full, is no reason to let go of a vehicle: it ends
-    there, and ``error`` says why.
+    If the log cannot be written any more, for instance because the disk is full, it ends, ``error`` has the reason, and the link
+    continues.
 
     Args:
         path: the file; one that is there is replaced.
@@ -379,7 +379,7 @@ class TelemetryLogWriter(Closing):
             self._give_up(error)
 
     def keep_up(self) -> None:
-        """Let what was written reach the operating system, when it is time; to be called while nothing arrives."""
+        """Flush the log when due; call it while nothing arrives."""
         if self.error is None:
             try:
                 self._flush()

@@ -45,7 +45,7 @@ class Peer(Protocol):
         """Datagrams that it sends at ``now``."""
 
     def next_timer(self) -> float | None:
-        """When it wants to be asked again although nothing arrives; None for not at all."""
+        """Time of the next call without a message; None for none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Conditions:
     queue_bytes: float = math.inf
 
     def __post_init__(self) -> None:
-        """Refuse what is no fraction or no time."""
+        """Refuse invalid fractions and times."""
         for name in ("loss", "duplication", "corruption"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise MisuseError(f"{name} must be between 0 and 1, not {getattr(self, name)}")

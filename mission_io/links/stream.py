@@ -27,7 +27,7 @@ class OpenChannel(ABC):
 
     Attributes:
         name: Name of the stream, for messages to people.
-        end: What it means that nothing can be read any more.
+        end: Meaning of the end of the stream.
     """
 
     end: ClassVar[str]
@@ -45,7 +45,7 @@ class OpenChannel(ABC):
 
     @abstractmethod
     def send(self, data: bytes) -> int:
-        """Send what can be sent at once; how many bytes. Raises OSError as ``receive``."""
+        """Send without waiting; return the number of sent bytes. Raises OSError as ``receive``."""
 
     @abstractmethod
     def close(self) -> None:

@@ -170,7 +170,7 @@ class Capability(IntFlag):
 
 
 class VehicleKind(Enum):
-    """Vehicles that move in the same way; the value is for people."""
+    """Vehicles that move in the same way; the value is as text."""
 
     MULTIROTOR = "multirotor"
     HELICOPTER = "helicopter"

@@ -111,7 +111,7 @@ class FtpMessage:
 
     @property
     def error_text(self) -> str:
-        """The error for people."""
+        """The error as text."""
         error = self.error
         if error is None:
             return "no error"

@@ -1,7 +1,7 @@
 """Files by MAVLink FTP: downloads and uploads with several requests on the way, resumed, and compared by their CRC.
 
-The CRC of the whole file decides at the end. After a pause of the link, or a restart of the vehicle, a transfer goes on where
-it was.
+The CRC of the whole file decides at the end. After a pause of the link, or a restart of the vehicle, a transfer continues where
+it stopped.
 
 A file is downloaded by bursts from the beginning to the end, then by single reads of the gaps. A burst costs one request for
 hundreds of pieces. The next one begins where it ended, without waiting for what was lost. The gaps are read one by one, several
@@ -179,7 +179,7 @@ class FtpDownload(FtpTransfer):
         elif error in (FtpError.FILE_NOT_FOUND, FtpError.INVALID_SESSION):
             self._open_again(answer)
         elif error in (FtpError.END_OF_FILE, FtpError.UNKNOWN_COMMAND):
-            # Where the file ends a burst does not tell: what came before may be lost. A single read does.
+            # A burst does not show the end of the file, because earlier pieces may be lost. A single read does.
             self._has_bursts = error == FtpError.END_OF_FILE
             self.state, self._todo = FtpState.GAPS, deque([*self._missing(), self._reach])
         else:

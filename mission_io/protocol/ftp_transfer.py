@@ -26,7 +26,7 @@ class FtpWaits:
         self._round_trip = RoundTrip.first(sample_s) if known is None else known.updated(sample_s)
 
     def alone_s(self, tries: int) -> float:
-        """Before a question is asked again when nothing else is on the way.
+        """Timeout of the only pending question.
 
         An answer is given again for a repeated number: a longer timeout would only cost time.
         """
@@ -193,7 +193,7 @@ class FtpTransfer:
         return self._piece_requests(now) if self._question is None else self._question[0].messages_to_send(now)
 
     def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it has ended."""
+        """Time of the next call without a message; None if it needs none."""
         if self.finished:
             return None
         silent_at_s = self._heard_at_s + self.silent_s

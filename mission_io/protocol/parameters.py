@@ -322,7 +322,7 @@ class ParameterDownload:
         return self._asking.due(now)
 
     def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it is over."""
+        """Time of the next call without a message; None if it needs none."""
         if self.finished:
             return None
         due_at: float | None = self._new_at + _QUIET_S
@@ -375,7 +375,7 @@ class _ParameterRequests:
         return [] if self.finished else self._asking.due(now)
 
     def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it is over."""
+        """Time of the next call without a message; None if it needs none."""
         if self.finished:
             return None
         again_at = self._asking.next_timer()

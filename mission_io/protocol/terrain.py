@@ -199,8 +199,8 @@ def dat_bytes(blocks: Mapping[TerrainBlock, tuple[Part | None, ...]]) -> bytes:
     """The file of a degree.
 
     Args:
-        blocks: The parts of each block, in the order of their numbers; None for those that are unknown. Blocks of which all
-            is unknown are left out, and the autopilot requests them.
+        blocks: The parts of each block, in the order of their numbers; None for those that are unknown. Blocks of which all is
+            unknown are omitted, and the autopilot requests them.
 
     Raises:
         MisuseError: blocks of several degrees or spacings, or none.

@@ -48,7 +48,7 @@ class FramingCounts:
 
 
 class Framer:
-    """Finds the frames in a stream of bytes. Never raises on what it is fed."""
+    """Finds the frames in a stream of bytes. Never raises on any input."""
 
     def __init__(self) -> None:
         self._unfinished = b""
@@ -90,7 +90,7 @@ class Framer:
         return frames
 
     def end(self) -> list[WireFrame]:
-        """Nothing belongs to the bytes so far any more (a datagram is over): the frames inside an unfinished one."""
+        """End the datagram: return the frames inside an unfinished one."""
         frames: list[WireFrame] = []
         while self._unfinished:
             frames.extend(self._give_up())
@@ -130,7 +130,7 @@ def frames_by_length(data: bytes) -> list[bytes]:
 def mavlink2_frame(
     message_id: int, payload: bytes, *, seq: int, system_id: int, component_id: int, flags: int = 0
 ) -> bytes:
-    """A MAVLink 2 frame without its signature; zeros at the payload's end are left out, as MAVLink 2 does."""
+    """A MAVLink 2 frame without its signature; zeros at the payload's end are omitted, as MAVLink 2 does."""
     payload = payload.rstrip(b"\0") or payload[:1]
     header = bytes([_MAGIC_2, len(payload), flags, 0, seq, system_id, component_id]) + message_id.to_bytes(3, "little")
     return _with_checksum(header + payload, message_id)
@@ -243,7 +243,7 @@ class SequenceCounter:
     """Counts what is missing in the sequence numbers of each sender, which run from 0 to 255 and over again.
 
     Attributes:
-        lost: Numbers that were left out and did not come late either.
+        lost: Numbers that were omitted and did not come late either.
         late: Numbers that came behind later ones.
         duplicates: Numbers that came twice.
     """

@@ -1,4 +1,4 @@
-"""MAVLink 2 signing: a shared key decides who may speak on a link.
+"""MAVLink 2 signing: only senders with a shared key are accepted on a link.
 
 A signature is the first 48 bits of SHA-256 over key, frame, link id and a timestamp that only increases
 (https://mavlink.io/en/guide/message_signing.html). Timestamps count 10 microseconds since 2015-01-01 UTC. Keys, and the
@@ -307,7 +307,7 @@ class Signing:
 
 
 def _secret_in(content: bytes, path: Path) -> bytes:
-    """The key that a file's content stands for."""
+    """The key in a file's content."""
     try:
         text = content.decode()
     except UnicodeDecodeError:

@@ -360,7 +360,7 @@ class TimeSync(Message):
 class Event(Message):
     """An event of PX4's events interface, which gives reasons that STATUSTEXT lacks."""
 
-    target_component: int  # who is to take it; 0 is everybody
+    target_component: int  # recipient; 0 is everybody
     target_system: int  # the same for the system
     event_id: int  # number of the event: the component in the highest byte, below it 24 bits of a hash of its name
     time_boot_ms: int  # when it happened

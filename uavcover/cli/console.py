@@ -45,7 +45,7 @@ class Console:
         self._bar_is_there = False
 
     def say(self, line: str = "") -> None:
-        """A line for people; on stderr under --json, nowhere under -q."""
+        """A line as text; on stderr under --json, nowhere under -q."""
         if not self.quiet:
             self._write(sys.stderr if self.as_json else sys.stdout, line)
 

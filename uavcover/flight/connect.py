@@ -134,7 +134,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
         client, monitor = open_vehicle(link, timing=at.timing, own_system=at.own_system)
     with client:
         if at.signing_key is not None:
-            # Who receives them keeps the time of the last message for each link id: clients side by side need their own.
+            # Who receives them keeps the time of the last message for each link id: clients in parallel need their own.
             client.sign_with(at.signing_key, link_id=0 if share is None or at.system_id is None else at.system_id)
         vehicle = client.wait_for_vehicle(at.timeout_s, system_id=at.system_id, component_id=at.component_id)
         monitor.listen_to(vehicle.address)

@@ -214,7 +214,7 @@ class Sign:
     """One piece of evidence."""
 
     cause: Ending  # what it speaks for
-    text: str  # what was reported, for people
+    text: str  # what was reported, as text
     at_s: float  # when, on the link's clock
     time_s: float | None  # vehicle time when it began; None if unknown
     seen_s: float | None  # vehicle time when it was seen last; None if unknown
@@ -229,7 +229,7 @@ class Cause:
     """Reason for an event."""
 
     kind: Ending  # the name of it
-    text: str  # a clause for people
+    text: str  # a clause as text
     evidence: tuple[str, ...] = ()  # what it is concluded from
 
 

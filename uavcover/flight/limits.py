@@ -275,7 +275,7 @@ class AppliedLimits:
         precautions: whether to change anything, whom to ask, and where old values are kept.
 
     Attributes:
-        rows: the table as it was reported last; rows that are as planned and not ``shown`` are left out.
+        rows: the table as it was reported last; rows that are as planned and not ``shown`` are omitted.
         values: the vehicle's parameters of the table, in their own units, as they were read last.
     """
 

@@ -200,7 +200,7 @@ class MissionGuard:
     """Detects that another ground station changed the mission or its current item, and that the vehicle leaves its route.
 
     The mission is read back and compared every minute, and at each sign of a change: the vehicle's word for it, another mission
-    id or number of items, an upload that another station was thanked for, waypoints that are left out, going back. So it is far
+    id or number of items, an upload that another station was thanked for, waypoints that are omitted, going back. So it is far
     off the planned leg, which else is the wind's doing when the vehicle leans hard against it.
 
     Args:

@@ -101,7 +101,7 @@ class VehicleClock:
     def take(self, stamp_s: float, now: float) -> bool:
         """Whether a stamp that arrived at ``now`` on the link's clock is believed.
 
-        A stamp that fits neither the time nor the doubted ones before it is left out. After a silence, and after a restart, the
+        A stamp that fits neither the time nor the doubted ones before it is omitted. After a silence, and after a restart, the
         first two are doubted: the third one that agrees proves them.
         """
         self.proven = 0

@@ -47,7 +47,7 @@ class Weight(Enum):
 class Limit:
     """A row of the table."""
 
-    what: str  # for people
+    what: str  # shown to the user
     planned: float | None  # the plan's assumption, in ``unit``; None without one
     vehicle: float  # the vehicle's value, in ``unit``
     unit: str  # of both; empty for a setting's number
@@ -56,7 +56,7 @@ class Limit:
     matters: str  # why
     # what the plan needs the parameter to be, in the parameter's own unit; None for nothing
     wanted: float | None = None
-    doing: str = ""  # what the vehicle does at such a speed, for people; empty for what is none
+    doing: str = ""  # what the vehicle does at such a speed, as text; empty for what is none
     shown: bool = True  # whether it stands in the table before arming
 
     def as_json(self) -> dict[str, Any]:
@@ -79,7 +79,7 @@ class Limit:
 
     @property
     def line(self) -> str:
-        """The row for people: planned | vehicle | why it matters."""
+        """The row as text: planned | vehicle | why it matters."""
         planned = "-" if self.planned is None else f"{self.planned:g} {self.unit}".strip()
         name = f" ({self.parameter})" if self.parameter else ""
         mark = {Weight.WARNING: "! ", Weight.REFUSED: "X "}.get(self.weight, "  ")
@@ -158,10 +158,10 @@ class ParameterRow:
     names: tuple[tuple[str, float], ...]  # older to newer, each with its units in one of ours
     key: str  # by which conditions name it
     category: str  # one of ``CATEGORIES``
-    what: str  # for people
+    what: str  # shown to the user
     why: str  # the reason of the decision
     unit: str = ""  # ours; empty for a setting's number
-    doing: str = ""  # what the vehicle does at such a speed, for people
+    doing: str = ""  # what the vehicle does at such a speed, as text
     planned: str = ""  # the fact in the table's column; empty for none, and for the rule's own
     default: float = 0.0  # assumed value without a report
     shown: bool = False  # whether the table before arming has it even when it is as planned
@@ -181,7 +181,7 @@ class ParameterTable:
     """All rows of an autopilot."""
 
     rows: tuple[ParameterRow, ...]  # in the table's order
-    dismissed: Mapping[str, str]  # beginnings of names that were considered and left out, with the reason
+    dismissed: Mapping[str, str]  # beginnings of names that were considered and omitted, with the reason
 
     def row_of(self, name: str) -> ParameterRow | None:
         """The row of a parameter by any of its names; None for one that has none."""

@@ -53,7 +53,7 @@ class FailsafeSettings:
 
     autopilot: AutopilotName  # whose parameters they are
     values: Mapping[str, float]  # by the names of ``settings`` in ``data/failsafes.toml``, in metres, seconds and m/s
-    # what it does by itself or when commanded; responses that change nothing are left out
+    # what it does by itself or when commanded; responses that change nothing are omitted
     responses: tuple[Response, ...]
     assumed: tuple[str, ...]  # names of the parameters whose defaults stand in for unknown values
 
@@ -178,13 +178,13 @@ class FailsafePaths:
     """Paths that the vehicle flies from each of n moments, for one kind of response."""
 
     responses: tuple[Response, ...]  # that lead to these paths
-    points_m: FloatArray  # (n, k, 3) vertices; legs without length where a stage is left out
+    points_m: FloatArray  # (n, k, 3) vertices; legs without length where a stage is omitted
     stages: tuple[Stage, ...]  # k - 1 of them
     destinations: IntArray  # (n,) number of a rally point, ``HOME`` or ``IN_PLACE``
     duration_s: FloatArray  # (n,) until it lands or holds
     tail_m: FloatArray | None = None  # (m, 3) legs of the mission that follow; None without them
     joins: IntArray | None = None  # (n,) first vertex of the tail that is flown to
-    note: str = ""  # what else the paths depend on, for people
+    note: str = ""  # what else the paths depend on, as text
 
     def path_m(self, moment: int) -> FloatArray:
         """(j, 3) the whole path from one moment, without legs that have no length."""

@@ -39,11 +39,11 @@ def compile_flights(
         site: the scenario on its ground.
         route: the planned route.
         autopilot: default: the scenario's. Different vehicles have their own.
-        vehicles: how many fly, where they are alike; default: the scenario's.
+        vehicles: how many fly, where they are identical; default: the scenario's.
 
     Raises:
         InputError: the scenario has no position on Earth or no home, or the route was planned for other parts of the area.
-        InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
+        InfeasibleError: a leg exceeds a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
     name = autopilot or site.scenario.vehicle.autopilot
     count = site.scenario.fleet.vehicles if vehicles is None else vehicles
@@ -132,7 +132,7 @@ def mission_size(
         site: the scenario on its ground.
         route: keeps the limits.
         autopilot: for whom; default: the scenario's.
-        vehicles: how many may fly, where they are alike; default: the scenario's.
+        vehicles: how many may fly, where they are identical; default: the scenario's.
 
     Returns:
         none where nothing can be flown: without a position on Earth or a home, or where no cut keeps the limits of a flight.
@@ -222,7 +222,7 @@ def compile_sorties(
 
     Raises:
         InputError: the scenario has no position on Earth or no home.
-        InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
+        InfeasibleError: a leg exceeds a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
     refusal = InfeasibleError("no split into sorties meets the limits")
     flyer = _Flyer(site, autopilot, most_points)
@@ -244,7 +244,7 @@ def compile_sorties(
 def compile_unlike_sorties(
     sites: Sequence[Site], route: Route, *, spacing_share: float = 1.0, one_at_a_time: bool = False
 ) -> tuple[Sortie, ...]:
-    """Compile a route as flights of vehicles that differ, each from its own home, so that they are done soonest.
+    """Compile a route as flights of different vehicles, each from its own home, so that they are done soonest.
 
     Args:
         sites: of each vehicle, vehicle 1 first.
@@ -253,7 +253,7 @@ def compile_unlike_sorties(
         one_at_a_time: whether no vehicle flies before the one before it has landed.
 
     Raises:
-        InfeasibleError: a leg breaks a limit, or no vehicle reaches a part of the route inside its endurance (says which).
+        InfeasibleError: a leg exceeds a limit, or no vehicle reaches a part of the route inside its endurance (says which).
     """
     fleet = sites[0].scenario.fleet
 
@@ -322,7 +322,7 @@ def _cut_and_compiled(
     cut: Callable[[Sequence[FlightCosts]], FlightsOfVehicles | None],
     refusal: InfeasibleError,
 ) -> tuple[Sortie, ...]:
-    """Compiled flights of a split. What the compiler refuses is left out of the next split."""
+    """Compiled flights of a split. What the compiler refuses is omitted of the next split."""
     costs = [flyer.costs(route) for flyer in flyers]
     compiled: dict[tuple[int, int, int], CompiledMission] = {}
     all_checked: set[int] = set()
@@ -347,8 +347,8 @@ def _cut_and_compiled(
                     costs[number] = tighter(costs[number])
                 break
             except InfeasibleError as error:
-                # a transit that breaks a limit bars only its own waypoint from beginning or ending a flight, and no
-                # other. Transits are checked one by one, and only where it matters.
+                # a transit that exceeds a limit bars only its own waypoint from beginning or ending a flight, and no other.
+                # Transits are checked one by one, and only where it matters.
                 refusal, own = error, own if number in all_checked else checked(own, flyer.site, route)
                 all_checked.add(number)
                 costs[number] = without(own, first, last)

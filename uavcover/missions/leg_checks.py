@@ -163,7 +163,7 @@ def find_problems(
 def find_waypoint_problems(
     site: Site, route_m: FloatArray, *, lowest_agl_m: float, highest_agl_m: float | None
 ) -> list[LegProblem]:
-    """Find every waypoint of an (n, 3) ENU route that breaks a limit; legs are not checked.
+    """Find every waypoint of an (n, 3) ENU route that exceeds a limit; legs are not checked.
 
     Args:
         site: the scenario on its ground.
@@ -349,7 +349,7 @@ def corner_heights_off_m(site: Site, route_m: FloatArray) -> FloatArray:
 
 
 def find_corner_problems(site: Site, route_m: FloatArray, *, with_ends: bool = True) -> list[LegProblem]:
-    """Every corner of an (n, 3) ENU route that breaks a limit, in flying order.
+    """Every corner of an (n, 3) ENU route that exceeds a limit, in flying order.
 
     Args:
         site: the scenario on its ground.

@@ -164,7 +164,7 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName | None
 
     Raises:
         InputError: the scenario has no position on Earth or no home.
-        InfeasibleError: a leg breaks a limit (the message names it), or the autopilot would refuse the mission.
+        InfeasibleError: a leg exceeds a limit (the message names it), or the autopilot would refuse the mission.
     """
     frame, home = frame_and_home(site)
     _check_planned(site, route)
@@ -198,8 +198,8 @@ def compile_continuation(
 
     Raises:
         InputError: the scenario has no position on Earth or no home.
-        InfeasibleError: the vehicle is not in the air, a leg breaks a limit, the flight takes too long, or the autopilot
-            would refuse the mission.
+        InfeasibleError: the vehicle is not in the air, a leg exceeds a limit, the flight takes too long, or the autopilot would
+            refuse the mission.
     """
     frame, home = frame_and_home(site)
     _check_planned(site, route)
@@ -230,7 +230,7 @@ class _Begin:
 
 
 def _check_planned(site: Site, route: Route) -> None:
-    """Refuse a planned route that is empty or breaks a limit."""
+    """Refuse a planned route that is empty or exceeds a limit."""
     if len(route.waypoints_m) == 0:
         raise InfeasibleError("the route has no waypoints")
     limits = site.scenario.limits

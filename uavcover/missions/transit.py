@@ -1,7 +1,7 @@
 """Transit legs between the column above home and the planned route, and the fence around a mission.
 
 Fences of ArduPilot and PX4 have no floors and no ceilings for single polygons or circles: an exclusion holds at every height. So
-a zone that the mission passes over or under is left out. The keep-in fence is one polygon, the union of those the scenario gives:
+a zone that the mission passes over or under is omitted. The keep-in fence is one polygon, the union of those the scenario gives:
 ArduPilot wants a vehicle inside of all its inclusions unless FENCE_OPTIONS says otherwise, PX4 inside of any.
 """
 
@@ -180,7 +180,7 @@ def _over_terrain(site: Site, corners_m: FloatArray, ups_m: tuple[float, float])
 
 
 def check_way_there(site: Site, way_m: FloatArray) -> None:
-    """Refuse a (k, 3) transit to the first planned waypoint that breaks a limit.
+    """Refuse a (k, 3) transit to the first planned waypoint that exceeds a limit.
 
     Raises:
         InfeasibleError: it breaks one; the message names the leg.
@@ -189,7 +189,7 @@ def check_way_there(site: Site, way_m: FloatArray) -> None:
 
 
 def check_way_home(site: Site, way_m: FloatArray) -> None:
-    """Refuse a (k, 3) transit home from the last planned waypoint that breaks a limit.
+    """Refuse a (k, 3) transit home from the last planned waypoint that exceeds a limit.
 
     Raises:
         InfeasibleError: it breaks one; the message names the leg.
@@ -216,7 +216,7 @@ def check_transit(
     highest_agl_m: float | None,
     zones: ZoneCheck | None = None,
 ) -> None:
-    """Refuse a transit that breaks a limit anywhere.
+    """Refuse a transit that exceeds a limit anywhere.
 
     The leg at its far end, point number ``far_end``, may be vertical; then it has its own lowest height and is exempt from the
     climb limit. The lower sea-level limit does not apply to transits: home may lie below it. ``zones`` are the no-fly zones to

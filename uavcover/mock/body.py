@@ -328,7 +328,7 @@ class Trail:
         return self._end("buffer full") if now - self._saved_s > FLIGHT.trail_timeout_s else None
 
     def pop_near(self, here: Vector) -> None:
-        """Forget the newest position once it is reached on the way back."""
+        """Forget the newest position once it is reached on the return transit."""
         if len(self._points) > 1 and math.dist(self._points[-1], here) <= self._accuracy_m:
             self._points.pop()
 

@@ -84,7 +84,7 @@ class Fault:
 class Argument:
     """The argument after the colon."""
 
-    meaning: str  # for people
+    meaning: str  # shown to the user
     default: float = math.inf  # the number when none is given; infinite is permanent
     # the modes that may be named instead of a number, the default first; empty for a number
     modes: tuple[Mode, ...] = ()

@@ -230,7 +230,7 @@ class Scenario:
     flight_window_utc: tuple[str, str] | None = None
     wind: Wind = field(default_factory=Wind)  # the wind the flight is planned for
     fleet: Fleet = field(default_factory=Fleet)  # how many vehicles fly the plan, and what keeps them apart
-    # those of [[vehicle]] given several times, where they differ; None where all are alike
+    # those of [[vehicle]] given several times, where they differ; None where all are identical
     vehicles: tuple[Vehicle, ...] = ()
     description: str = ""  # one-line description
 

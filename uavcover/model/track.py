@@ -158,7 +158,7 @@ class FlightEvent:
     """Something that happened."""
 
     kind: EventKind  # what it is about
-    text: str  # one line for people
+    text: str  # one line as text
     time_s: float | None = None  # vehicle time; None before the vehicle sent its time
     waypoint: int | None = None  # number of the planned waypoint that is flown to, for progress; None for other events
     alarm: bool = False  # whether something is wrong now, so that it should be heard too
@@ -246,7 +246,7 @@ class FlightOutcome:
     duration_s: float  # vehicle time from the first sample to the last
     simulated_by: str | None  # what simulates the vehicle; None for one that may be real
     incidents: tuple[Incident, ...] = ()  # what went wrong, also what was ridden out
-    vehicle_now: str = ""  # what the vehicle did when it was heard last, for people
+    vehicle_now: str = ""  # what the vehicle did when it was heard last, as text
     # the table of what the plan counts on and what the vehicle was set to; empty for a flight that had none
     limits: tuple[dict[str, Any], ...] = ()
 

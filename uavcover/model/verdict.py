@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 VerdictName = Literal["passed", "failed", "not proved"]
-"""Failed: what was observed breaks a limit or misses a requirement. Not proved: nothing does, but something essential was not
+"""Failed: what was observed exceeds a limit or misses a requirement. Not proved: nothing does, but something essential was not
 observed."""
 
 Holds = Literal["yes", "no", "not proved"]
@@ -50,7 +50,7 @@ class Finding:
 
     effect: Effect  # what it does to what it concerns
     concerns: tuple[Requirement, ...]  # the requirements; none only where it is noted
-    text: str  # one line for people
+    text: str  # one line as text
 
 
 def fails(concerns: Requirement | tuple[Requirement, ...], text: str) -> Finding:
@@ -100,7 +100,7 @@ class Judgement:
         return combined(finding.effect for finding in self.findings)
 
     def texts(self, effect: Effect) -> tuple[str, ...]:
-        """The findings with one effect, for people."""
+        """The findings with one effect, as text."""
         return tuple(finding.text for finding in self.findings if finding.effect == effect)
 
     def holds(self, *requirements: Requirement) -> Holds:
@@ -278,7 +278,7 @@ class Unobserved:
     """An unobserved stretch of a flight: it proves neither coverage nor any limit."""
 
     reason: UnobservedReason  # why it was not observed
-    detail: str  # the same with figures, for people
+    detail: str  # the same with figures, as text
     start_s: float  # vehicle time of the last evidence before it
     # vehicle time of the first evidence after it; both are the same before the first sample and after the last
     end_s: float
@@ -315,7 +315,7 @@ class MissingPhotos:
     track: int = 0  # number of the track, counted from 0
 
     def __str__(self) -> str:
-        """Description for people."""
+        """Description as text."""
         return (
             f"no photo was reported over {self.length_m:.0f} m ({self.end_s - self.start_s:.0f} s from "
             f"{self.start_s:.1f} s); {self.expected} {'was' if self.expected == 1 else 'were'} expected"

@@ -167,7 +167,7 @@ class VehicleType:
     """A multirotor as its data sheet has it; None where that says nothing."""
 
     name: str  # in the table, or of the file
-    title: str  # for people
+    title: str  # shown to the user
     endurance_s: float | None = None  # longest time in the air
     cruise_speed_m_s: float | None = None  # usual speed over ground
     max_speed_m_s: float | None = None  # largest speed over ground in still air
@@ -204,7 +204,7 @@ class CameraBody:
     """A camera with its lens, in landscape: the longer side of the photo across the way it is flown."""
 
     name: str  # in the table, or of the file
-    title: str  # for people
+    title: str  # shown to the user
     sensor_across_mm: float  # longer side of the sensor's part that makes the photo
     sensor_along_mm: float  # shorter side
     pixels_across: int  # pixels along the longer side
@@ -265,7 +265,7 @@ class DetectionCurve:
     """The probability that a look finds the target, over ground sample distance and angle off the vertical."""
 
     name: str  # in the table that comes with the package, or of the file
-    title: str  # for people
+    title: str  # shown to the user
     source: str  # where the values are from
     table: DetectionTable  # of it
     # which looks at one place count as independent chances: the best from each side (``sides``), every photo

@@ -146,7 +146,7 @@ def _asked(source: TerrainSource, question: Callable[[Any], Answer], *, otherwis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewRequest:
-    """User input as text; None for what was left out."""
+    """User input as text; None for what was omitted."""
 
     area: AreaQuery  # what is to be seen
     dem: tuple[str, ...] = ()  # elevation data: files, folders or patterns of tiles

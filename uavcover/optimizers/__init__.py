@@ -215,7 +215,7 @@ ALGORITHMS: Final = MappingProxyType[str, type[AskTellOptimizer]](
 )
 """Every algorithm and variant by its name, all built with the same arguments; ``dbo`` takes one objective only.
 
-``imodbo-niching`` takes one argument more, ``local_sets_wanted``, which may be left out.
+``imodbo-niching`` takes one argument more, ``local_sets_wanted``, which may be omitted.
 """
 
 _SETTINGS = ("n_objectives", "n_constraints", "population_size", "max_iterations", "archive_size", "seed", "initial")

@@ -120,8 +120,8 @@ class AskAndTell(Protocol):
 
         Args:
             objectives: ``(n, m)``, finite, minimised; m = objectives.
-            violations: ``(n, c)``, finite, > 0 where violated; c = constraints. May be left out when c is 0. Their
-                positive parts are summed, so constraints should be of comparable scale.
+            violations: ``(n, c)``, finite, > 0 where violated; c = constraints. May be omitted when c is 0. Their positive parts
+                are summed, so constraints should be of comparable scale.
 
         Raises:
             OptimizerError: Nothing was asked, a shape is wrong, or a value is not finite. Nothing has changed then: the
@@ -140,8 +140,8 @@ class AskAndTell(Protocol):
 class Archive:
     """At most ``capacity`` solutions, none of which dominates another.
 
-    By the feasibility rules they are all feasible, or, as long as no feasible one is known, all of the same smallest
-    total violation. Solutions with equal objectives but different x are kept side by side: they are different answers.
+    By the feasibility rules they are all feasible, or, as long as no feasible one is known, all of the same smallest total
+    violation. Solutions with equal objectives but different x are kept side by side: they are different answers.
     """
 
     solutions: Solutions

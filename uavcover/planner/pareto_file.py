@@ -42,7 +42,7 @@ PART_COLUMN = "part"
 
 
 def pareto_csv(plan: Plan) -> str:
-    """``pareto.csv``: one row a member, numbers unrounded."""
+    """``pareto.csv``: one row a member, with exact numbers."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(PARETO_COLUMNS)
@@ -62,7 +62,7 @@ def _pareto_values(member: RouteMember) -> list[Any]:
 
 
 def pareto_routes_csv(plan: Plan) -> str:
-    """``pareto_routes.csv``: the waypoints of every member in flying order, numbers unrounded."""
+    """``pareto_routes.csv``: the waypoints of every member in flying order, with exact numbers."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     in_parts = any(member.route.begins for member in plan.members)

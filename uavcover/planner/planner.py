@@ -175,8 +175,8 @@ def plan_routes(
         select_rule: see :mod:`uavcover.planner.selection_rule`.
         effort: when to stop.
         executor: evaluates routes in parallel; the result does not depend on it.
-        should_stop: called before every round; the best so far is returned. There always is one: a baseline, or the first
-            round, which is then not left out.
+        should_stop: called before every round; the best so far is returned. There always is one: a baseline, or the first round,
+            which is then not omitted.
         on_progress: called after every round.
         snapshots: given what was found at its moments, and at the end: baselines first.
         own: another optimizer in place of ``settings.algorithm``, for the whole search, as

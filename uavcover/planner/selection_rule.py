@@ -270,7 +270,7 @@ def with_sizes(
     plan: Plan,  # from the search
     *,
     autopilot: AutopilotName | None = None,  # for whom; default: the scenario's
-    vehicles: int | None = None,  # how many may fly, where they are alike; default: the scenario's
+    vehicles: int | None = None,  # how many may fly, where they are identical; default: the scenario's
     limit: CommandTime | None = None,  # time of the command; None: no limit
 ) -> Plan:
     """A plan whose members have mission sizes: all, or if that is slow, the chosen one and the least crowded ones.

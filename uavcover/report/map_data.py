@@ -255,7 +255,7 @@ class CellLayer:
     """A picture of the cells."""
 
     key: str  # short name
-    title: str  # for people
+    title: str  # shown to the user
     image: str  # data URI, one pixel a cell, transparent outside the area
     legend: tuple[LegendEntry, ...]  # what the colours mean
 

@@ -142,7 +142,7 @@ class RunFolder:
         return self.file(name)
 
     def write_json(self, name: str, document: dict[str, Any]) -> Path:
-        """Write a JSON file whole or not at all; numbers unrounded, NaN as null."""
+        """Write a JSON file whole or not at all; with exact numbers, NaN as null."""
         return self.write_text(name, json_text(document))
 
     def write_together(
@@ -200,7 +200,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def json_text(document: dict[str, Any]) -> str:
-    """JSON for people and programs: two spaces, numbers unrounded, NaN and infinity as null, no control character raw."""
+    """JSON as text and programs: two spaces, with exact numbers, NaN and infinity as null, no control character raw."""
     return escaped_json(json.dumps(_without_nan(document), indent=2, ensure_ascii=False, allow_nan=False)) + "\n"
 
 

@@ -173,7 +173,7 @@ class TrackWriter:
 
 
 def read_track(path: Path) -> Track:
-    """The track in a file; what :func:`read_track_with_warnings` would warn of is left out.
+    """The track in a file; what :func:`read_track_with_warnings` would warn of is omitted.
 
     Raises:
         TrackError: see :func:`read_track_with_warnings`.
@@ -182,11 +182,11 @@ def read_track(path: Path) -> Track:
 
 
 def read_track_with_warnings(path: Path) -> ReadTrack:
-    """The track in a file, and what was left out of it.
+    """The track in a file, and what was omitted of it.
 
     Columns may stand in any order and others may stand beside them. Roll, pitch, yaw and the optional columns may be empty: not
-    known. A last line that was cut off, as by a crash, is left out with a warning. Anything else that is wrong is an error,
-    which names line and column.
+    known. A last line that was cut off, as by a crash, is omitted with a warning. Anything else that is wrong is an error, which
+    names line and column.
 
     Raises:
         TrackError: no such file, a column is missing, a value is missing, is not a number or not finite, a latitude or

@@ -161,10 +161,10 @@ class _NoRequests:
 
 
 def percent(share: float | None) -> str:
-    """A share 0..1 for people."""
+    """A share 0..1 as text."""
     return "-" if share is None else f"{100.0 * share:.2f} %"
 
 
 def metres(value: float | None) -> str:
-    """A length for people."""
+    """A length as text."""
     return "-" if value is None else f"{value:.1f} m"

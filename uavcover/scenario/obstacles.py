@@ -36,7 +36,7 @@ from uavcover.terrain.ground import Ground
 class Footprint:
     """A footprint before its ground is known."""
 
-    name: str  # for people
+    name: str  # shown to the user
     polygon: shapely.Polygon  # (east, north) metres, courtyards cut out
     height_m: float  # height of the flat top above the highest ground under the footprint
 

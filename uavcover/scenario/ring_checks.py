@@ -143,7 +143,7 @@ def no_fly_mistakes(zones: Sequence[NoFly], *, on_earth: bool) -> list[str]:
     """Mistakes in the outlines of zones.
 
     Args:
-        zones: as the scenario has them, files left out.
+        zones: as the scenario has them, files omitted.
         on_earth: whether the local frame has a position on Earth.
     """
     found: list[str] = []

@@ -71,9 +71,9 @@ _AROUND = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 def on_pads(site: Site) -> Site:
     """The site with a pad for each vehicle in ``scenario.vehicles``. Unchanged where they have homes, or share one.
 
-    Vehicles cannot stand at one position, and one position lets only one vehicle take off or land at a time. Pads lie side by
-    side across the direction of the area, so that paths from them fan out; [home] is the first one. Where the ground is not good
-    enough a pad is moved back or forth. What does not fit side by side follows in further rows.
+    Vehicles cannot stand at one position, and one position lets only one vehicle take off or land at a time. Pads are placed
+    across the direction of the area, so that paths from them fan out; [home] is the first one. A pad on unsuitable ground is
+    moved back or forth. The others follow in further rows.
 
     Raises:
         ScenarioError: there is no room for all of them; says why, and what to do.
@@ -185,11 +185,11 @@ def _home_at(site: Site, place_en: FloatArray) -> Home:
     return Home(lat_deg=round(float(lat[0]), 8), lon_deg=round(float(lon[0]), 8))
 
 
-# The sites of vehicles that differ: the same ground and area, with the home and the settings of each.
+# The sites of different vehicles: the same ground and area, with the home and the settings of each.
 
 
 def vehicle_scenario(site: Site, number: int) -> Scenario:
-    """The scenario of one of several vehicles that differ: one [vehicle] and its [home], in the frame of all.
+    """The scenario of one of several different vehicles: one [vehicle] and its [home], in the frame of all.
 
     Args:
         site: of all vehicles.
@@ -213,7 +213,7 @@ def vehicle_scenario(site: Site, number: int) -> Scenario:
 
 @once
 def vehicle_sites(site: Site) -> tuple[Site, ...]:
-    """The site of each vehicle, vehicle 1 first; empty where all are alike.
+    """The site of each vehicle, vehicle 1 first; empty where all are identical.
 
     Raises:
         ScenarioError, TerrainError: a home is in a no-fly zone, by an obstacle, outside the fence or the elevation data; the

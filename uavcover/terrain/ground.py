@@ -36,7 +36,7 @@ class Ground:
     """A height surface with its provenance."""
 
     surface: Surface  # the surface as kernels take it
-    source: str  # its origin, for people
+    source: str  # its origin, as text
     vertical_datum: str  # reference of the source's heights
     sha256: str = ""  # hash of the source file, empty for a computed surface
     # largest measured difference between the surface and the file's own bilinear surface, metres; 0 for a computed
@@ -116,7 +116,7 @@ def grid_ground(
     east0_m: float,  # east of the first column
     north0_m: float,  # north of the first row
     step_m: float,  # spacing of the nodes
-    source: str,  # for people
+    source: str,  # shown to the user
     vertical_datum: str,  # of the source
     sha256: str = "",  # of the source
 ) -> Ground:
@@ -138,7 +138,7 @@ def ground_of_nodes(
     frame: GridFrame,  # the positions of the nodes
     *,
     step_m: float,  # their smallest spacing
-    source: str,  # for people
+    source: str,  # shown to the user
     vertical_datum: str,  # of the source
     sha256: str = "",  # of the source
     cut_error_m: float = 0.0,  # of the ground

@@ -328,7 +328,7 @@ def suspect_places(
         source: the elevation data.
         vertical_datum: of its heights.
         around_deg: west, south, east, north of what matters; the data is looked at somewhat beyond.
-        near: in longitude and latitude: places that it does not touch are left out; None: those outside ``around_deg``.
+        near: in longitude and latitude: places that it does not touch are omitted; None: those outside ``around_deg``.
 
     Raises:
         TerrainError: the data cannot be used.

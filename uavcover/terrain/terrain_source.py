@@ -1,4 +1,4 @@
-"""Sources of elevation data: a file, a packed file, or tiles side by side, which GDAL then reads as one raster."""
+"""Sources of elevation data: a file, a packed file, or adjacent tiles, which GDAL then reads as one raster."""
 
 import gzip
 import hashlib
@@ -186,7 +186,7 @@ class TerrainSource:
         return len(self.files) > 1 or self.crs is not None or self.water_height_m is not None
 
     def band_of(self, dataset: Any) -> int:
-        """Number of the band with the heights, in an open raster; tiles side by side have one.
+        """Number of the band with the heights, in an open raster; adjacent tiles share one.
 
         Raises:
             TerrainError: there is no such band.
@@ -360,7 +360,7 @@ def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None, *, a
         other_grid = tuple(tile.transform)[:6]
         size_differs = not np.allclose([other_grid[k] for k in (0, 1, 3, 4)], (a, b, d, e), rtol=1e-6, atol=0.0)
         column, row = (tile.transform.c - c) / a, (tile.transform.f - f) / e
-        # Tiles that meet at 180 degrees are side by side.
+        # Tiles that meet at 180 degrees are adjacent.
         turn = tile.turn / a
         column -= turn * round(column / turn) if turn else 0.0
         if size_differs or max(abs(column - round(column)), abs(row - round(row))) > FILES.off_grid:

@@ -62,7 +62,7 @@ ATTITUDE = data_table(_Attitude, "uavcover/data/verification.toml", "attitude")
 class LeanProblem:
     """An attitude that does not fit the motion, or that the motion does not confirm."""
 
-    text: str  # what is wrong, for people
+    text: str  # what is wrong, as text
     samples: BoolArray  # (n,) the affected samples
     # whether it leaves accelerations unexplained; whether the motion contradicts it, so that one of the two was not
     # measured; or whether the motion is too gentle to confirm it

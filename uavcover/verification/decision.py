@@ -272,8 +272,8 @@ class RequirementRow:
     """A row of the table."""
 
     name: str  # the requirement
-    asked: str  # its limit, for people
-    found: str  # what the flight did, for people
+    asked: str  # its limit, as text
+    found: str  # what the flight did, as text
     holds: Holds  # whether it holds; "not proved" if nothing contradicts it, but too little was observed
 
 

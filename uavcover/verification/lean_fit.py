@@ -150,7 +150,7 @@ class BadStretch:
 
     begin_s: float  # vehicle time
     end_s: float  # vehicle time
-    why: str  # in what, for people
+    why: str  # in what, as text
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -249,7 +249,7 @@ def contradictions(
     Args:
         time_s: (n,) vehicle time, increasing.
         enu_m: (n, 3) positions.
-        velocity_m_s: (n, 3) reported velocity, east, north, up; NaN where it is not reported. Such samples are left out, and
+        velocity_m_s: (n, 3) reported velocity, east, north, up; NaN where it is not reported. Such samples are omitted, and
             windows in which it is unknown for longer than ``VELOCITY.longest_step_s``.
         error: of the positions.
         acceleration_m_s2: the most of the vehicle.

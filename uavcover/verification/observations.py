@@ -348,7 +348,7 @@ def informative(site: Site, looks: Observations) -> IntArray:
     A log of a thousand samples a second has a hundred observations on a metre. Of each short piece of the path the first one
     counts, and those from which the edge of the view lies furthest to each side, ahead and behind, where it lies more than
     ``TRACK.same_view_m`` beyond that of the first ones of this piece and of the next. Pieces are so short that between the
-    circles that are seen from their ends no more than that is left out.
+    circles that are seen from their ends no more than that is omitted.
     """
     spacing_m = sample_spacing_m(site.scenario)
     # Circles of radius r, d apart, leave out d^2 / (8 r) at the edge of their swath; spacing_m is less than r.

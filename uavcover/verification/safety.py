@@ -169,7 +169,7 @@ def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phas
 
 
 class ViolationFinder:
-    """Finds the stretches of a track that break a limit.
+    """Finds the stretches of a track that exceed a limit.
 
     Args:
         track: the flown track.
@@ -234,7 +234,7 @@ class ViolationFinder:
 def find_violations(
     site: Site, track: Track, enu_m: FloatArray, heights: Heights, phases: Phases, joined: BoolArray
 ) -> list[Violation]:
-    """Find every stretch of the track that breaks a limit of height or position, in order of time.
+    """Find every stretch of the track that exceeds a limit of height or position, in order of time.
 
     Where the ground is unknown, no height is judged here; the verdict reports that separately.
 

@@ -146,7 +146,7 @@ class Records:
     same: SameFlight  # how they agree
 
     def __str__(self) -> str:
-        """Description for people."""
+        """Description as text."""
         text = (
             f"tracks {self.first + 1} and {self.second + 1} are records of one flight: they agree within "
             f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; observations in both count once"

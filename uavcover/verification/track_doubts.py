@@ -56,7 +56,7 @@ class TrackEnd:
     still: bool  # whether it does not move
 
     def __str__(self) -> str:
-        """Description for people."""
+        """Description as text."""
         if np.isnan(self.height_agl_m):
             return f"the track {self.which} at an unknown height above ground"
         side = "above" if self.height_agl_m >= 0.0 else "under"

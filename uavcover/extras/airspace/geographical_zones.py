@@ -1,8 +1,8 @@
 """Geographical zones for unmanned aircraft as authorities publish them: JSON of EUROCAE ED-269 and ED-318.
 
-ED-269: ``features``, each with a list ``geometry`` of volumes. ED-318 is GeoJSON: heights in ``layer`` of a geometry, the
-radius of a circle in ``extent`` of a Point. Zones of type NO_RESTRICTION are left out; all others count, also those that may be
-flown with an authorisation or under conditions.
+ED-269: ``features``, each with a list ``geometry`` of volumes. ED-318 is GeoJSON: heights in ``layer`` of a geometry, the radius
+of a circle in ``extent`` of a Point. Zones of type NO_RESTRICTION are omitted; all others count, also those that may be flown
+with an authorisation or under conditions.
 """
 
 import re

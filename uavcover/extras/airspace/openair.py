@@ -61,7 +61,7 @@ def looks_like_openair(text: str) -> bool:
 
 
 def read_openair(text: str) -> ReadZones:
-    """The zones of a file. Those of the classes E, F and G are left out.
+    """The zones of a file. Those of the classes E, F and G are omitted.
 
     Raises:
         FormatError: with the line that cannot be understood.
@@ -133,7 +133,7 @@ def _take(zone: _Zone, command: str, rest: str, where: str) -> None:
     if command == "AN":
         zone.name = rest
     elif command == "AA":
-        # The extension's activation times: an interval, whose open ends are NONE; what else is written there is for people.
+        # The extension's activation times: an interval, whose open ends are NONE; what else is written there is as text.
         interval = "/".join(".." if part.upper() == "NONE" else part for part in rest.split("/"))
         zone.periods.append(interval)
         zone.always |= _INTERVAL.fullmatch(interval) is None

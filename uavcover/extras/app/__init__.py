@@ -1,7 +1,7 @@
 """Plan, watch and judge on a map in a browser: ``uavcover serve``.
 
-In: a folder with scenarios, areas, elevation data and run folders. Out: the same files as the commands write, through them.
-Begin with ``command.py``; ``server.py`` has the routes, ``jobs.py`` starts the commands, ``page/`` is what the browser loads.
+In: a folder with scenarios, areas, elevation data and run folders. Out: the same files as the commands write, through them. Begin
+with ``command.py``; ``server.py`` has the routes, ``jobs.py`` starts the commands, ``page/`` has the files of the browser.
 """
 
 COMMANDS = {

@@ -143,7 +143,7 @@ class Guard:
     """Lets requests through that have the token and come from the page's own origin.
 
     Args:
-        app: what is guarded.
+        app: the guarded application.
         token: of this start.
         hosts: values of the Host header that are this server's own; others are a name that was pointed at it.
         port: part of the cookie's name: servers of one machine share their cookies.

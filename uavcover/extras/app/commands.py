@@ -1,4 +1,4 @@
-"""The command line of each button: what the page asks for becomes words for ``uavcover``, checked."""
+"""The command line of each button: converts requests of the page to arguments of ``uavcover``, and checks them."""
 
 import csv
 import json
@@ -66,7 +66,7 @@ async def take_file(request: Request, workspace: Workspace) -> Response:
 
 
 def refusal(status: int, text: str, **more: Any) -> Response:
-    """An answer that says what is wrong."""
+    """An answer with the reason of a refusal."""
     return JSONResponse({"error": text, **more}, status_code=status)
 
 
@@ -130,7 +130,7 @@ _WORD = re.compile(r"[a-z0-9-]{1,40}")
 
 
 def command_of(kind: str, asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
-    """The command line of a button. Raises InputError: there is no such button, or a value of it is wrong."""
+    """The command line of a button. Raises InputError: no such button, or a value of it is wrong."""
     builders: dict[str, Builder] = {**_BUILDERS, "fly": partial(_fly, flights_allowed=flights_allowed)}
     if kind not in builders:
         raise InputError(f"the page does not support the command {kind!r}")
@@ -196,7 +196,7 @@ def _fly(asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: boo
     if asked.get("mock_speed"):
         words += ["--mock-speed", _match(asked, "mock_speed", re.compile(r"[0-9]{1,3}(\.[0-9])?"))]
     words += [f"--{name}" for name in ("force", "resume") if asked.get(name)]
-    if asked.get("sortie"):  # flights of one run that have vehicles of their own go on side by side
+    if asked.get("sortie"):  # flights of one run that have vehicles of their own go on in parallel
         run = f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}"
     if asked.get("confirmed"):
         if not flights_allowed:

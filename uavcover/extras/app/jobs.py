@@ -1,7 +1,7 @@
-"""Commands that the page starts. Each is a process of its own, which goes on when the server ends.
+"""Commands that the page starts. Each is a separate process, which continues when the server ends.
 
-A job is a folder: ``job.json`` has its command, ``events`` what it says (``--events``), ``result`` its answer (``--json``), and
-``code`` its exit code. A server that is started again finds them all.
+A job is a folder: ``job.json`` has its command, ``events`` its messages (``--events``), ``result`` its answer (``--json``), and
+``code`` its exit code. A restarted server finds all jobs.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""A flight while it goes on: samples as they come into ``track.csv``, and the cells that they saw.
+"""A flight in progress: the samples in ``track.csv``, and the cells that they observe.
 
 The flight is another process, which does not depend on this one.
 """

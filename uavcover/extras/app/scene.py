@@ -256,7 +256,7 @@ def verdict_document(scene: Scene, verdict: Verdict) -> dict[str, Any]:
 
 
 def route_check(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str, Any]:
-    """The legs of an edited route that break a limit, by the same checks as for a plan, and its height profile.
+    """The legs of an edited route that exceed a limit, by the same checks as for a plan, and its height profile.
 
     Raises:
         InputError: the waypoints cannot be read.
@@ -335,7 +335,7 @@ def _compiled(site: Site, route: Route) -> CompiledMission | None:
     try:
         return compile_mission(site, route)
     except UavcoverError:
-        return None  # a leg that breaks a limit: the plan's own output says which
+        return None  # a leg that exceeds a limit: the plan's own output says which
 
 
 def _unsafe_returns(scene: Scene, compiled: CompiledMission) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""The server of the page: its routes, and what a browser is sent while a command or a flight goes on."""
+"""The server of the page: its routes, and the events for a browser during a command or a flight."""
 
 import asyncio
 import contextlib
@@ -217,7 +217,7 @@ class Server:
 
 
 class _Watcher:
-    """One browser: what it watches, and how far it got. A slow one gets larger pieces, not more of them."""
+    """One browser: the job or flight that it watches, and its progress. A slow one gets larger pieces, not more."""
 
     def __init__(self, server: Server, socket: WebSocket) -> None:
         self._server, self._socket = server, socket

@@ -1,4 +1,4 @@
-"""The form of the page: from what was drawn and typed to a scenario, through the functions of ``uavcover new``."""
+"""The form of the page: converts drawings and entries to a scenario, with the functions of ``uavcover new``."""
 
 import json
 import re
@@ -29,7 +29,7 @@ _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,60}")
 
 
 class Messages(Unattended):
-    """A user that keeps what was said, for the page.
+    """A user that collects the messages for the page.
 
     Attributes:
         lines: messages and warnings in their order.

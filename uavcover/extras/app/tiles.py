@@ -39,7 +39,7 @@ _CONTOURS = 14
 
 
 def tile_bounds_m(zoom: int, column: int, row: int) -> tuple[float, float, float, float]:
-    """West, south, east, north of a tile in metres of Web Mercator. Raises InputError: there is no such tile."""
+    """West, south, east, north of a tile in metres of Web Mercator. Raises InputError: no such tile."""
     if not (0 <= zoom <= 22 and 0 <= column < 2**zoom and 0 <= row < 2**zoom):
         raise InputError(f"the map has no tile {zoom}/{column}/{row}")
     size = 2.0 * _HALF_M / 2**zoom

@@ -1,4 +1,4 @@
-"""The folder that the page works in: what is in it, and no way out of it."""
+"""The folder of the page: its content, and protection against paths outside it."""
 
 import math
 import re
@@ -189,7 +189,7 @@ class Workspace:
         return found
 
     def _files(self) -> Iterator[Path]:
-        """Files of the folder, a run's plan before what else is in it; hidden ones and what is deep inside are left out."""
+        """Files of the folder, a run's plan before what else is in it; hidden ones and what is deep inside are omitted."""
         left = 2000
         folders = [(self.root, 0)]
         while folders and left > 0:

@@ -1,10 +1,10 @@
 """Sites on flat ground from published areas; areas with holes of the AreaCoverage dataset beside their published routes.
 
 The dataset (github.com/UNCCharlotte-CS-Robotics/AreaCoverage-dataset, AC300: 300 squares of one hectare with 1 to 15 buildings in
-them) has a route for each area and its cost. A robot sees 1.5 m to each side, stops at each corner, flies 3 m/s and accelerates
-with 1 m/s²: with these numbers the cost of each published route comes out to the published digits. Buildings are not crossed.
-Both routes begin and end at the same corner, and the coverage of both is computed from their lines by shapely. There are also
-published routes of several flights that each take at most 1,200 s.
+them) has a route for each area and its cost. A robot observes 1.5 m to each side, stops at each corner, flies 3 m/s and
+accelerates with 1 m/s²: with these numbers the cost of each published route comes out to the published digits. Buildings are not
+crossed. Both routes begin and end at the same corner, and the coverage of both is computed from their lines by shapely. There are
+also published routes of several flights that each take at most 1,200 s.
 """
 
 import dataclasses
@@ -102,7 +102,7 @@ def planned(site: Site, name: str, budget_s: float) -> Plan:
 
 SPEED_M_S, ACCELERATION_M_S2, REACH_M = 3.0, 1.0, 1.5
 REQUIRED = 0.9999
-"""Of the cells; the published routes see 99.976 to 100 % of the areas."""
+"""Of the cells; the published routes observe 99.976 to 100 % of the areas."""
 
 _PIXEL_M, _AROUND_M = 2.0, 100.0
 _LEEWAY_M = 0.005
@@ -117,7 +117,7 @@ class PublishedArea:
     """An area of the dataset."""
 
     name: str  # of its folder
-    outline: shapely.Polygon  # what is to be seen, without the holes
+    outline: shapely.Polygon  # what is to be observed, without the holes
     routes_m: tuple[FloatArray, ...]  # (n, 2) corners of each flight of the published route, closed
 
     def seen(self, routes_m: Sequence[FloatArray]) -> float:
@@ -255,7 +255,7 @@ def _closed(site: Site, route_m: FloatArray) -> FloatArray:
 def plan_areas(
     folder: KeptRuns, names: Sequence[str], *, data: Path, budget_s: float, capacity_s: float | None, processes: int
 ) -> Iterator[str]:
-    """Plan areas side by side; the name of each that is done."""
+    """Plan areas in parallel; the name of each that is done."""
     plan = functools.partial(_run, data=data, budget_s=budget_s, capacity_s=capacity_s)
     return kept(folder, plan, names, processes=processes)
 

@@ -1,8 +1,9 @@
-"""Close-enough travelling salesman: discs seen from waypoints by a tour through home, beside the best known tours.
+"""Close-enough travelling salesman: discs observed from waypoints by a tour through home, beside the best known tours.
 
 The instances (Mennell 2009) are those that github.com/d-krupke/close-enough-tsp holds as ``benchmark.json.gz``; the best known
 tours are those of github.com/leizy1008/MA-CETSP, in ``solutions``, and the upper bounds that the instances state. A disc may be
-seen from anywhere on a tour, here only from its waypoints: that is never easier, so each tour is one of the published problem.
+observed from anywhere on a tour, here only from its waypoints: that is never easier, so each tour is one of the published
+problem.
 """
 
 import functools
@@ -51,13 +52,13 @@ class Instance:
         return self.name
 
     def unseen(self, places: FloatArray) -> int:
-        """Discs that none of (m, 2) places lies in."""
+        """Discs that none of (m, 2) positions lies in."""
         apart = [float(np.hypot(*(places - centre).T).min()) for centre in self.centres]
         return int((np.array(apart) > self.radius * (1.0 + 1e-9)).sum())
 
 
 def tour_length(places: FloatArray) -> float:
-    """Length of the closed tour through (m, 2) places."""
+    """Length of the closed tour through (m, 2) positions."""
     return float(np.hypot(*(places - np.roll(places, 1, axis=0)).T).sum())
 
 
@@ -117,14 +118,14 @@ def _with_tour(instance: Instance, path: Path) -> Instance | None:
 
 
 def _from_legs(begins: FloatArray, ends: FloatArray, place: FloatArray) -> float:
-    """Distance of a place from the nearest of the straight lines between (m, 2) places."""
+    """Distance of a place from the nearest of the straight lines between (m, 2) positions."""
     along = ends - begins
     share = ((place - begins) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-300)
     return float(np.hypot(*(begins + np.clip(share, 0.0, 1.0)[:, None] * along - place).T).min())
 
 
 def site_of(instance: Instance, folder: Path) -> Site:
-    """The site of an instance on flat ground: a radius is 50 m, the depot is home, and each disc's centre is to be seen."""
+    """The site of an instance on flat ground: a radius is 50 m, the depot is home, and each disc's centre is to be observed."""
     metres = _RADIUS_M / instance.radius
     moved = (instance.centres - instance.home) * metres
     (west, south), (east, north) = np.minimum(moved.min(axis=0), 0.0), np.maximum(moved.max(axis=0), 0.0)
@@ -156,7 +157,7 @@ def site_of(instance: Instance, folder: Path) -> Site:
 
 
 def _run(instance: Instance, *, budget_s: float) -> dict[str, Any]:
-    """Plan an instance: the length of the tour and the number of discs that it does not see."""
+    """Plan an instance: the length of the tour and the number of discs that it does not observe."""
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         site = site_of(instance, Path(scratch))
@@ -172,7 +173,7 @@ def _run(instance: Instance, *, budget_s: float) -> dict[str, Any]:
 def plan_instances(
     folder: KeptRuns, instances: Sequence[Instance], *, budget_s: float, processes: int
 ) -> Iterator[Instance]:
-    """Plan instances side by side; each that is done."""
+    """Plan instances in parallel; each that is done."""
     return kept(folder, functools.partial(_run, budget_s=budget_s), instances, processes=processes)
 
 

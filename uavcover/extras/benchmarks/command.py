@@ -254,7 +254,7 @@ def bench_cetsp(
     processes: Processes = None,
     output: options.Output,
 ) -> int:
-    """Plan tours that see discs of one radius (close-enough TSP), and compare them with the best known ones.
+    """Plan tours that observe discs of one radius (close-enough TSP), and compare them with the best known ones.
 
     You can stop the benchmark at any time and repeat the command to continue. Results: cetsp.csv.
     """

@@ -60,7 +60,7 @@ class Reading:
     meaning: str  # in words
 
     def site(self) -> Site:
-        """The paper's ground, seen by this reading's sensor."""
+        """The paper's ground, observed by this reading's sensor."""
         site = load_site(self.scenario)
         sensor = site.scenario.sensor
         if self.line_of_sight is None:
@@ -121,7 +121,7 @@ class PaperResult:
 
 
 def paper_runs(readings: Collection[str], runs: int) -> list[PaperRun]:
-    """Every run, first runs first, so that a benchmark that is stopped early has seen everything once."""
+    """Every run, first runs first, so that a benchmark that is stopped early has run everything once."""
     return [
         PaperRun(reading, algorithm, number)
         for number in range(1, runs + 1)
@@ -343,7 +343,7 @@ def draw_terrain(path: Path) -> Path:
 def draw_schemes(path: Path, reading: Reading, schemes: dict[str, Scheme]) -> Path:
     """Figures 8 to 11 for a reading: side view and top view of each algorithm's scheme; returns the file.
 
-    The top view has what is seen in green and what is not in red.
+    The top view has what is observed in green and what is not in red.
     """
     with drawn(path, dpi=80) as plt:
         page = plt.figure(figsize=(9.0, 7.6))

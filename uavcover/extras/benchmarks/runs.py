@@ -1,7 +1,7 @@
 """Runs of a benchmark in processes that end with this one, kept as one JSON file each, and tables about them.
 
 Each process has one BLAS thread, so that thread pools do not fight for cores. Files are written whole: a killed benchmark
-goes on where it was.
+continues where it stopped.
 """
 
 import csv
@@ -178,7 +178,7 @@ def reserved_folder(path: Path, settings: Mapping[str, str | int | float], *, ru
 
     Raises:
         InputError: its runs were made with other settings.
-        OutputError: it has files but is none of ours, or cannot be written to.
+        OutputError: it has files but is not one of ours, or cannot be written to.
     """
     with RunFolder(path).reserved([], force=False):
         file = path / _SETTINGS
@@ -236,7 +236,7 @@ class KeptRuns:
         return sorted((key.as_posix() for key in found), key=_by_parts)
 
     def write(self, key: str, document: dict[str, Any]) -> None:
-        """Write a run, whole or not at all; numbers unrounded. Raises OutputError: it cannot be written."""
+        """Write a run, whole or not at all; with exact numbers. Raises OutputError: it cannot be written."""
         write_run(self.file(key), json_text(document))
 
     def read(self, key: str) -> dict[str, Any]:
@@ -252,7 +252,7 @@ def kept(
     processes: int | None,
     scheduler: str | None = None,
 ) -> Iterator[Task]:
-    """Make runs side by side, and yield each once it is in the folder under its text as a key.
+    """Make runs in parallel, and yield each once it is in the folder under its text as a key.
 
     Arguments are those of :func:`completed_by`; what a run comes to does not depend on the workers.
 

@@ -1,7 +1,7 @@
 """Proved bounds on any plan: fewest waypoints, shortest path, most coverage.
 
-In: a site on its ground and a plan. Out: for each question what is proved and what was found (docs/explanation/bounds.md).
-Begin with ``proved``, the prover of the group ``uavcover.bounds``; ``bounds.py`` has the proofs.
+In: a site on its ground and a plan. Out: for each question the proved limit and the best value found
+(docs/explanation/bounds.md). Begin with ``proved``, the prover of the group ``uavcover.bounds``; ``bounds.py`` has the proofs.
 """
 
 from typing import Any

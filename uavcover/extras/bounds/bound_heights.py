@@ -21,7 +21,7 @@ _LEEWAY_M = 0.01
 
 
 def margin_cells(coverage: CoverageMap) -> int:
-    """Cells around the area: places from which it can be seen, and what else can be seen from there."""
+    """Cells around the area: places from which it can be observed, and what else can be observed from there."""
     return math.ceil(2.0 * horizontal_reach(whatever_heading(coverage.sight)) / coverage.grid.cells.size_m) + 5
 
 

@@ -1,11 +1,10 @@
 """Proved bounds of a plan, beside its figures: fewest waypoints, most coverage, shortest path.
 
-There are two lower bounds on path length. The tighter one prices the ground (``ground_prices.py``) and takes a while. The
-quick one: a curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a
-largest distance on the map from which any allowed place sees it. Of the cells for which that is at most r the path must see
-all but what may stay unseen, so it comes within r, and half a cell's diagonal, of their area. The best r is taken. The bound
-depends on no lattice of places, so no route inside the height band beats it; it is far below the shortest path, because a
-path also has to turn.
+There are two lower bounds on path length. The tighter one prices the ground (``ground_prices.py``) and takes a while. The quick
+one: a curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a largest distance on the map from
+which any allowed position observes it. Of the cells for which that is at most r the path must observe all but what may stay
+unseen, so it comes within r, and half a cell's diagonal, of their area. The best r is taken. The bound depends on no lattice of
+places, so no route inside the height band beats it; it is far below the shortest path, because a path also has to turn.
 """
 
 import math
@@ -47,7 +46,7 @@ _BINS_A_SECOND = 1.28e6
 _BINS_A_SIDE = 1.6
 """Direction bins a square's side at the end of view."""
 _SLACK = 0.19
-"""Share of a square's side by which distances may change without another look. With this number a window has three squares."""
+"""Fraction of a square's side by which distances may change without another look. With this number a window has three squares."""
 _OFFSETS = ((0, 0), (1, 1), (0, 1), (1, 0))
 """Offsets of these positions, in halves of their distance: other ones each time."""
 _NEARLY = 1.005
@@ -62,7 +61,7 @@ class PricedGround:
     prices_m: FloatArray  # (cells,) of the visible ground, metres, at least 0
     dearest_m: FloatArray  # (cells,) the price if all of a cell cost as much as its most expensive point
     weight_m2: FloatArray  # (cells,) ground in each of them
-    first_look_m: float  # what is seen at any one place is worth at most this
+    first_look_m: float  # what is observed at any one place is worth at most this
 
     def least_length_m(self, share: float) -> float:
         """Lower bound in metres on paths that cover a fraction of the ground: the view is worth its length and one look.
@@ -97,7 +96,7 @@ def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGr
     """Prices for paths that cover a fraction of the visible ground of the cells; None without visible ground.
 
     Args:
-        coverage: on the cells by which routes are judged.
+        coverage: on the evaluation grid.
         share: of the visible ground, 0..1.
         parts: squares of the lattice of places along the side of a cell.
     """
@@ -227,7 +226,7 @@ def least_path_length_m(coverage: CoverageMap, share: float) -> float:
     """Lower bound in metres on paths that cover a fraction of the visible ground; 0 without a proof.
 
     Args:
-        coverage: on the cells by which routes are judged.
+        coverage: on the evaluation grid.
         share: of the visible ground, 0..1.
     """
     grid, coverable = coverage.grid, coverage.coverable
@@ -243,7 +242,7 @@ def least_path_length_m(coverage: CoverageMap, share: float) -> float:
 
 
 def farthest_looks_m(coverage: CoverageMap) -> FloatArray:
-    """(cells,) no place inside the height band further away on the map sees a cell, metres."""
+    """(cells,) no place inside the height band further away on the map observes a cell, metres."""
     sight = whatever_heading(coverage.sight)
     reach = horizontal_reach(sight)
     # Where limits apply to waypoints alone, the legs between them may be at any height.
@@ -289,7 +288,7 @@ QUICK_PAIRS = 500_000
 _MET = 1e-9
 _ANYWHERE = "any path inside the height band"
 _OF_GROUND = "that observes this fraction of the ground itself (found: of the cells, one point in each)"
-"""A path may see the counted places of 98 % of the cells and less of the ground: prices say nothing about that one."""
+"""A path may observe the counted places of 98 % of the cells and less of the ground: prices say nothing about that one."""
 
 
 def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> list[Bound]:
@@ -298,7 +297,7 @@ def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> li
     The quick bound holds for what is counted: cells, each by one place in it. Prices hold for the ground itself.
 
     Args:
-        coverage: on the cells by which routes are judged.
+        coverage: on the evaluation grid.
         plan: the routes.
         time_s: about as long as prices on the ground may take; with 0, or too little for them, the quick bound stays.
     """
@@ -327,7 +326,7 @@ def waypoint_bounds(coverage: CoverageMap, plan: Plan, effort: SolverEffort) -> 
     """Fewest waypoints and most coverage on a lattice; for sensors that look from waypoints.
 
     Args:
-        coverage: on the cells by which routes are judged.
+        coverage: on the evaluation grid.
         plan: the routes.
         effort: for each question. With no nodes the linear relaxation alone, which is equal for equal plans; otherwise branch
             and bound, and the better of both.
@@ -365,7 +364,7 @@ def _best_proof(
 
 
 def _asked(plan: Plan) -> float:
-    """The share of the visible ground that the rule asks for; all where it asks for none."""
+    """The fraction of the visible ground that the rule asks for; all where it asks for none."""
     asked = parse_rule(plan.rule).required_coverage
     return 1.0 if asked is None else asked
 

@@ -1,6 +1,6 @@
 """Upper bounds on the price of ground that a move newly observes: the proof for whole squares of places.
 
-docs/explanation/bounds.md has the reasoning. As a place moves, ground passes the ends of what is seen along each direction
+docs/explanation/bounds.md has the reasoning. As a place moves, ground passes the ends of what is observed along each direction
 (``relief.py``); half of what passes in either sense, times its price, is the rate. It is bounded for all places of a square of
 the lattice together, for all directions of a bin, and for all headings.
 """
@@ -105,7 +105,7 @@ def _passed(
         prices: of the ground.
         place: the middle of the square, metres east and north of the first node.
         direction: the middle of the bin.
-        r: how far ground is seen there.
+        r: how far ground is observed there.
         wide: of the bin, radians.
         slopes: (2, 2) of the top in both triangles of the square.
         box: (WINDOW_FIELDS,) is written.
@@ -116,7 +116,7 @@ def _passed(
     aside, growth, fastest, off, least, most = prices.slack, 1.0, 1.0, 0.0, 0.0, 0.0
     re0, re1, rn0, rn1 = 0.0, 0.0, 0.0, 0.0
     first, last = r, r
-    # How much further than the reach the cone sees there, times its growth.
+    # How much further than the reach the cone observes there, times its growth.
     ends, spare = tangent == 0.0, 0.0
     if not ends and r >= reach:
         top, _, _ = height(relief, relief.top_m, place[0], place[1])

@@ -26,7 +26,7 @@ _HEADINGS = 16
 _NEARLY = 1.003
 """A rate that is not worth another round of the program."""
 _IDLE = 0.9
-"""A move that gains less is left out of the next round."""
+"""A move that gains less is omitted of the next round."""
 _LOOKS_AT_ONCE = 150
 
 Rows: TypeAlias = Any
@@ -53,7 +53,7 @@ class PriceProgram:
     Attributes:
         per_m2: (across, across) prices at the nodes of blocks; rows go north.
         parts: squares of the relief along the side of a cell.
-        first_look_m: what any sampled place sees is worth at most this.
+        first_look_m: what any sampled place observes is worth at most this.
     """
 
     def __init__(self, coverage: CoverageMap, weight_m2: FloatArray, relief: Relief, share: float) -> None:
@@ -158,7 +158,7 @@ class PriceProgram:
         return out
 
     def _rows_of(self, where: IntArray) -> list[Rows]:
-        """For each heading, what a metre gains for each price; and last what is seen."""
+        """For each heading, what a metre gains for each price; and last what is observed."""
         room, headings = 150 * len(where) + 1000, headings_over_half_a_turn(_HEADINGS)
         corner = self._margin * self._size_m
         while True:
@@ -212,7 +212,7 @@ class PriceProgram:
         )
         limits = np.zeros(matrix.shape[0])
         limits[: moves.shape[0]] = 1.0
-        # In units in which all numbers are about 1: a square metre's price is one over the width of what is seen.
+        # In units in which all numbers are about 1: a square metre's price is one over the width of what is observed.
         width_m = 2.0 * self._relief.reach
         unit = np.full(count + 2, 1.0 / width_m)
         unit[-1] = width_m
@@ -251,7 +251,7 @@ class _Point(NamedTuple):
         return float(self.x @ self.reduced + self.slack @ self.dual) / (len(self.x) + len(self.slack))
 
     def room(self, by: "_Point") -> tuple[float, float]:
-        """Shares of a change, 1 at most, at which the first number of the primal side is 0, and of the dual side."""
+        """Fractions of a change, 1 at most, at which the first number of the primal side is 0, and of the dual side."""
         return min(_room(self.x, by.x), _room(self.slack, by.slack)), min(
             _room(self.dual, by.dual), _room(self.reduced, by.reduced)
         )
@@ -348,7 +348,7 @@ class CoverSolution:
     """Solution of a program, with its proved bound."""
 
     chosen: NDArray[np.int64] | None  # (k,) numbers of the places found, None when none were found in the time
-    # no choice of these places needs fewer places, or sees more; None: nothing was proved in the time
+    # no choice of these places needs fewer places, or observes more; None: nothing was proved in the time
     bound: float | None
 
 
@@ -365,7 +365,7 @@ class CoverProgram:
 
     @property
     def reachable(self) -> float:
-        """Share of the visible ground that the places see together, 0..1."""
+        """Fraction of the visible ground that the places observe together, 0..1."""
         return self._reduced.reachable
 
     def fewest_places(self, coverage: float, effort: SolverEffort) -> CoverSolution:
@@ -395,7 +395,7 @@ class CoverProgram:
     def _with_seen(self, last: FloatArray) -> Rows:
         """The table with a variable for each class, and a last row.
 
-        A class of cells counts as seen as far as its variable says, which is at most the number of places that see it.
+        A class of cells counts as observed as far as its variable says, which is at most the number of places that observe it.
         """
         seen = scipy.sparse.hstack([self._matrix, -scipy.sparse.eye_array(self._matrix.shape[0])])
         return scipy.sparse.vstack([seen, scipy.sparse.csr_array(last[None])])

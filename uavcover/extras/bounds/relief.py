@@ -1,8 +1,8 @@
-"""Ground and the highest places above it on a square lattice: what single places see of it, and from how far it is seen.
+"""Ground and the highest places above it on a square lattice: what single places observe of it, and from how far it is observed.
 
 Heights are linear in the triangles of the lattice's squares, which are cut from south-west to north-east. From a place, ground at
-a distance r in a direction u is seen where r <= min(reach, tangent * (top there - ground there)). Along each direction that is
-one interval from 0 on, because ground falls by less than 1 / tangent a metre.
+a distance r in a direction u is observed where r <= min(reach, tangent * (top there - ground there)). Along each direction that
+is one interval from 0 on, because ground falls by less than 1 / tangent a metre.
 """
 
 import math
@@ -14,22 +14,22 @@ from numpy.typing import NDArray
 from uavcover.kernels.jit import allocating_kernel, kernel
 
 LEAST_GROWTH = 0.05
-"""The distance seen along a direction exceeds the cone at least at this rate: ground is made no steeper."""
+"""The distance observed along a direction exceeds the cone at least at this rate: ground is made no steeper."""
 EXACT_M = 1e-5
-"""Of a distance seen."""
+"""Of a distance observed."""
 _RINGS = 12
 
 
 class Relief(NamedTuple):
-    """Ground around an area, the highest allowed places above it, and how far a sensor sees from there.
+    """Ground around an area, the highest allowed positions above it, and how far a sensor observes from there.
 
     Attributes:
         ground_m: (rows + 1, columns + 1) up of the nodes: the ground is nowhere below what lies between them.
-        top_m: of the same shape: no allowed place is above what lies between them.
+        top_m: of the same shape: no allowed position is above what lies between them.
         allowed: (rows, columns) whether a place in each square may be allowed.
         side: of the squares, metres.
         tangent: of the half angle of view; 0 where height does not matter.
-        reach: nothing further away on the map is seen.
+        reach: nothing further away on the map is observed.
     """
 
     ground_m: NDArray[np.float64]
@@ -55,7 +55,7 @@ def height(relief: Relief, up: NDArray[np.float64], e: float, n: float) -> tuple
 
 @kernel
 def farthest_seen(relief: Relief, e: float, n: float, top: float, ue: float, un: float, guess: float) -> float:
-    """Distance to which ground is seen along a direction from a place, metres; to 0.01 mm, and at most ``reach``."""
+    """Distance to which ground is observed along a direction from a place, metres; to 0.01 mm, and at most ``reach``."""
     if relief.tangent == 0.0:
         return relief.reach
     low, high = 0.0, relief.reach
@@ -152,8 +152,8 @@ def rates_by_node(
         room: for how many pairs of a place and a price.
 
     Returns:
-        In compressed rows, one a place: their beginnings (p + 1,), -1 first with too little room; the prices (k,); and
-        (k, m + 1) the rates, and last the square metres that are seen from there.
+        In compressed rows, one a place: their beginnings (p + 1,), -1 first with too little room; the prices (k,); and (k, m + 1)
+        the rates, and last the square metres that are observed from there.
     """
     bins, count = len(directions), len(headings)
     wide = 2.0 * math.pi / bins
@@ -220,11 +220,11 @@ def farthest_looks(
     tan_half_fov: float,
     reach: float,
 ) -> NDArray[np.float64]:
-    """(n,) no allowed place further away than this, on the map, sees a cell through a cone; 0 where none does.
+    """(n,) no allowed position further away than this, on the map, observes a cell through a cone; 0 where none does.
 
-    The map is cut into squares. From a place at distance d a camera that looks straight down sees a cell when
-    d <= tan_half_fov times its height above the cell, which is at most that of the square's top. Nothing else is asked
-    (range, incidence, line of sight), so the true distance may be smaller, never larger.
+    The map is cut into squares. From a place at distance d a camera that looks straight down observes a cell when d <=
+    tan_half_fov times its height above the cell, which is at most that of the square's top. Nothing else is asked (range,
+    incidence, line of sight), so the true distance may be smaller, never larger.
 
     Args:
         centres: (n, 3) of the cells.
@@ -233,7 +233,7 @@ def farthest_looks(
         north0: of the same corner.
         side: of the squares.
         tan_half_fov: of the cone.
-        reach: no place further away on the map sees anything.
+        reach: no place further away on the map observes anything.
     """
     rows, columns = tops.shape
     out = np.zeros(centres.shape[0])
@@ -245,7 +245,7 @@ def farthest_looks(
     for k in range(centres.shape[0]):
         e, n, u = centres[k, 0] - east0, centres[k, 1] - north0, centres[k, 2]
         row, column = math.floor(n / block), math.floor(e / block)
-        # What is further away than the highest place could see is passed over; from there inwards, until the rest is nearer.
+        # What is further away than the highest place could observe is passed over; from there inwards, until the rest is nearer.
         most = min(reach, tan_half_fov * (top - u)) + 3.0 * block
         for at in range(np.searchsorted(-farthest, -most), len(farthest)):
             if farthest[at] <= out[k]:
@@ -281,7 +281,7 @@ def _highest_of_blocks(tops: NDArray[np.float64]) -> NDArray[np.float64]:
 def _farthest_in_square(
     e: float, n: float, u: float, i: int, j: int, side: float, top: float, tan_half_fov: float, reach: float
 ) -> float:
-    """Largest distance at which a place in a square sees a cell through a cone; 0 where none does, or its top is NaN."""
+    """Largest distance at which a place in a square observes a cell through a cone; 0 where none does, or its top is NaN."""
     if math.isnan(top):
         return 0.0
     radius = min(reach, tan_half_fov * (top - u))

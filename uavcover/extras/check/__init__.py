@@ -1,7 +1,7 @@
-"""Judge anybody's mission over the terrain, before it is flown.
+"""Check any mission against the terrain before the flight.
 
 In: a mission file, elevation data, limits. Out: findings of every leg, a verdict, a map, a repaired mission.
-Begin with ``command.py``, then ``mission_file.py``; ``check.py`` asks one module for each kind of judgement.
+Begin with ``command.py``, then ``mission_file.py``; ``check.py`` calls one module for each kind of check.
 """
 
 COMMANDS = {

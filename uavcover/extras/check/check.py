@@ -59,12 +59,12 @@ class CheckRequest:
 
     mission: Mission  # as its file has it
     aircraft: Aircraft  # who flies it
-    limits: Limits  # what it has to keep
+    limits: Limits  # its limits
     fence: FenceSource | None = None  # the fence, if any
     home: tuple[float, float] | None = None  # latitude and longitude of the take-off position; None: the mission's
     pilot: tuple[float, float] | None = None  # latitude and longitude of the pilot; None: at home
     obstacles: tuple[Obstacle, ...] = ()  # in longitude and latitude
-    # what is known of the autopilot's own returns
+    # the autopilot's own returns
     own_return: OwnReturn = field(default_factory=lambda: OwnReturn(parameters={}))
 
 
@@ -72,7 +72,7 @@ class CheckRequest:
 class Checked:
     """The outcome."""
 
-    findings: tuple[CheckFinding, ...]  # everything found; what breaks first
+    findings: tuple[CheckFinding, ...]  # all findings, broken limits first
     path: FlownPath | None  # as it would be flown; None where home is unknown
     world: World | None  # its surroundings; None where home is unknown
     time_s: float  # of the whole flight; infinite where the wind stops it
@@ -298,7 +298,7 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
 
 
 def _bent_lines(pilot_m: FloatArray, places_m: FloatArray) -> Lines:
-    """Lines from the pilot to (n, 3) places, as radio waves see the ground between them."""
+    """Lines from the pilot to (n, 3) positions, as radio waves observe the ground between them."""
     away = places_m - pilot_m
     distances_m = np.hypot(away[:, 0], away[:, 1])
     owner, t = cut(np.maximum(2, np.ceil(distances_m / CHECKS.return_line_piece_m)).astype(np.int64))

@@ -1,4 +1,4 @@
-"""Elevation data of ``uavcover check``: the ground, and what stands on it."""
+"""Elevation data of ``uavcover check``: the ground, and the surface with its objects."""
 
 import dataclasses
 import math
@@ -105,7 +105,7 @@ class CheckElevation:
     suspects: tuple[SuspectPlace, ...] = ()
 
     def heights_amsl_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
-        """Heights (n,) of the ground above sea level at (n,) places, NaN if unknown."""
+        """Heights (n,) of the ground above sea level at (n,) positions, NaN if unknown."""
         heights = read_heights_amsl_m(self.ground, self.datum, lat_deg, lon_deg)
         return np.where(_is_suspect(self.suspects, lat_deg, lon_deg), np.nan, heights)
 
@@ -130,7 +130,7 @@ class CheckElevation:
         return surface
 
     def read_higher(self, frame: LocalFrame, bounds_m: Bounds, ground: Ground) -> Ground:
-        """The higher of a ground and the surface model on one grid, for what is looked at.
+        """The higher of a ground and the surface model on one grid, for the problem.
 
         Raises:
             TerrainError: as in :meth:`read_surface`, or the two cannot be laid into one grid.

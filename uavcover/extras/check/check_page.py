@@ -25,7 +25,7 @@ from uavcover.run.file_group import write_file
 from uavcover.run.user import User
 from uavcover.scenario.obstacles import rings_m
 
-# Output of ``uavcover check``: text for people, JSON for programs, a map.
+# Output of ``uavcover check``: text as text, JSON for programs, a map.
 
 
 def document_of(query: CheckQuery, outcome: CheckOutcome) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def figures_of(checked: Checked) -> dict[str, float | None]:
 
 
 def say_findings(outcome: CheckOutcome, user: User) -> None:
-    """Tell the outcome: one row for each finding and what to do about it below, then the figures."""
+    """Print the outcome: one row for each finding with its remedy below, then the figures."""
     checked = outcome.checked
     if checked.findings:
         user.say(f"{'':8}{'what':15}{'items':10}{'latitude, longitude':26}{'by':>9}")

@@ -86,7 +86,7 @@ def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
 
 
 def height_in_words(lowest_m: float, place_m: FloatArray, world: World) -> str:
-    """A least height, above what it is, for people; also above the ground where trees or roofs stand on it."""
+    """A least height, above what it is, as text; also above the ground where trees or roofs stand on it."""
     side = f"{-lowest_m:.1f} m below" if lowest_m < 0.0 else f"{lowest_m:.1f} m above"
     bare_m = float(world.ground.heights_agl_m(place_m)[0])
     if world.surface is None or not bare_m - lowest_m > TERRAIN.hides_m:
@@ -168,7 +168,7 @@ def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding
 
 
 def fence_findings(path: FlownPath, world: World, around: Surroundings) -> list[CheckFinding]:
-    """Segments that leave the fence, or enter what it keeps out."""
+    """Segments that leave the fence or enter its exclusions."""
     found = []
     for segment in path.distinct:
         if not np.isfinite(segment.enu_m).all():

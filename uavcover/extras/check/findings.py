@@ -1,4 +1,4 @@
-"""Findings of a check: one row for each item that breaks a limit or needs attention."""
+"""Findings of a check: one row for each item that exceeds a limit or needs attention."""
 
 import itertools
 from collections.abc import Callable, Iterable
@@ -11,7 +11,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.verdict import Effect, Finding
 
 Weight = Literal["breaks", "unknown", "look"]
-"""``breaks`` a limit; ``unknown``: what was asked cannot be answered; ``look``: allowed, and seldom meant."""
+"""``breaks`` a limit; ``unknown``: the question cannot be answered; ``look``: permitted, but probably unintended."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +20,7 @@ class CheckFinding:
 
     kind: str  # what kind of thing, one of the words in docs/reference/checked_missions.md
     weight: Weight  # how much it weighs
-    what: str  # what is wrong, for people
+    what: str  # what is wrong, as text
     do: str  # what to do about it
     # numbers of the first and the last item concerned, home being 0; None: the whole mission
     items: tuple[int, int] | None = None

@@ -47,7 +47,7 @@ def flown_path(
         mission: its items.
         world: where home and the ground are.
         aircraft: who flies it.
-        skipped: numbers of items that are left out because their place is not one to fly to.
+        skipped: numbers of items that are omitted because their place is not one to fly to.
     """
     item_order = order_of(mission.items)
     flight = _Flight(mission, world, aircraft)

@@ -1,4 +1,4 @@
-"""Items whose places or values cannot be meant, and items that change what is flown without flying anywhere.
+"""Items with implausible positions or values, and items that change the flight without a position.
 
 What autopilots do with them is as in ArduPilot's AP_Mission.cpp, ModeAuto and ArduPlane's commands_logic.cpp, and in PX4's
 navigator_main.cpp and FeasibilityChecker.cpp.
@@ -65,7 +65,7 @@ def places_of(
     home: tuple[float, float] | None = None,
     doubt: Doubt = believed,  # why heights are missing that the elevation data has
 ) -> MissionPlaces:
-    """Look at home and at the places of the items."""
+    """Check home and the positions of the items."""
     findings: list[CheckFinding] = []
     numbers = [
         n for n, item in enumerate(mission.items, 1) if item.has_position and _is_place(item.lat_deg, item.lon_deg)

@@ -87,7 +87,7 @@ class CheckQuery:
 class CheckOutcome:
     """Result of a check."""
 
-    checked: Checked  # the findings, also of what would be seen, and the path
+    checked: Checked  # the findings, also of what would be observed, and the path
     aircraft: Aircraft  # whose speeds and returns were counted on
     view: MissionView | None = None  # the expected coverage; None where it is not checked, or nothing is flown
 

@@ -39,7 +39,7 @@ class PlannedPictures:
     items: IntArray  # (n,) number of the item on the way to which it is taken
     least_gap_s: float  # shortest time between two photos of a series; infinite where there is no series
     least_gap_item: int  # where that is
-    notes: tuple[str, ...]  # what was not understood or does not count, for people
+    notes: tuple[str, ...]  # what was not understood or does not count, as text
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,9 +51,9 @@ class ViewQuery:
 
     area: AreaQuery  # the ground
     camera: str  # name or file
-    gsd_m: float | None = None  # largest ground sample distance that counts as seen; None: any
+    gsd_m: float | None = None  # largest ground sample distance that counts as observed; None: any
     overlap: str | None = None  # forward and side, as "75/70"; None: not judged
-    coverage: float | None = None  # fraction of the area that has to be seen; None: not judged
+    coverage: float | None = None  # fraction of the area that has to be observed; None: not judged
     pitch_deg: float = -90.0  # of the camera where the mission does not say it
     always: Series | None = None  # photos that are taken beside those of the mission's items
 
@@ -63,7 +63,7 @@ class MissionView:
     """Expected coverage."""
 
     document: dict[str, Any]  # figures for programs
-    lines: tuple[str, ...]  # the same for people
+    lines: tuple[str, ...]  # the same as text
     findings: tuple[CheckFinding, ...]  # what lacks
     unseen_m: shapely.MultiPolygon  # (east, north) metres of what no photo shows
     pictures: PlannedPictures  # where they are taken

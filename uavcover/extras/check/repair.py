@@ -346,7 +346,7 @@ def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
 def repair_mission(
     query: CheckQuery, checked: Checked, out: Path, user: User, *, force: bool = False
 ) -> tuple[Path, ...]:
-    """Write the mission with plain repairs, and tell what was changed; no file where there is nothing to repair.
+    """Write the mission with simple repairs, and report the changes; no file without a repair.
 
     With more items than ``query.most_items`` it is written in parts, ``OUT-1`` and so on.
 

@@ -44,7 +44,7 @@ class OwnReturn:
 def return_findings(
     mission: Mission, path: FlownPath, world: World, limits: Limits, aircraft: Aircraft, around: Surroundings, own: OwnReturn,
 ) -> list[CheckFinding]:  # fmt: skip
-    """Parts of the path from which the autopilot's own return breaks a limit, and rally points that do."""
+    """Parts of the path from which the autopilot's own return exceeds a limit, and rally points that do."""
     rally_m = _rally_places(own.rally, world, aircraft)
     fence = allowed_area(around.fence)
     found = rally_findings(own.rally, rally_m, world, limits, fence)
@@ -228,7 +228,7 @@ def rally_findings(
 
 
 def places_along(segment: Segment) -> FloatArray:
-    """(n, 3) places of a segment, ``CHECKS.return_line_step_m`` apart or nearer."""
+    """(n, 3) positions of a segment, ``CHECKS.return_line_step_m`` apart or nearer."""
     line = segment.known_m
     if len(line) < 2:
         return line

@@ -19,10 +19,9 @@ _SHARES = (0.0, 0.34, 0.67, 1.0)
 def turns_of(path: FlownPath, mission: Mission, aircraft: Aircraft) -> FlownPath:
     """Paths flown beside the legs at corners, one path for both ways of passing each.
 
-    Wings lean into the turn before the waypoint, along an arc that touches both legs (ArduPlane from WP_RADIUS or its L1
-    distance on, PX4 from its switch distance on); or they pass the waypoint first, turn as tightly as they can, and come
-    back to the leg. A multirotor of PX4 goes on when it is within its acceptance radius. ArduCopter passes within 2 m, which
-    is not looked at.
+    Wings lean into the turn before the waypoint, along an arc that touches both legs (ArduPlane from WP_RADIUS or its L1 distance
+    on, PX4 from its switch distance on); or they pass the waypoint first, turn as tightly as they can, and come back to the leg.
+    A multirotor of PX4 goes on when it is within its acceptance radius. ArduCopter passes within 2 m, which is not looked at.
     """
     found: list[Segment] = []
     legs = [segment for segment in path.distinct if np.isfinite(segment.enu_m).all() and len(segment.enu_m) > 1]
@@ -37,7 +36,7 @@ def turns_of(path: FlownPath, mission: Mission, aircraft: Aircraft) -> FlownPath
 def in_turns(
     judge: Callable[[FlownPath], Sequence[CheckFinding]], turns: FlownPath, legs: Sequence[CheckFinding]
 ) -> list[CheckFinding]:
-    """Findings of turns that break a limit where the legs beside them do not."""
+    """Findings of turns that exceed a limit where the legs beside them do not."""
     broken = {(one.kind, number) for one in legs if one.weight == "breaks" for number in range(*_reach(one))}
     return [
         dataclasses.replace(one, what=f"in the turn at this item: {one.what}")

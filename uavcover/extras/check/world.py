@@ -1,4 +1,4 @@
-"""The terms by which a mission is judged: its aircraft, its limits, and its surroundings in a local frame around home."""
+"""Terms of a check: the aircraft, its limits, and its surroundings in a local frame around home."""
 
 import math
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ class Aircraft:
     acceptance_m: float = 0.0  # how far before a waypoint the next leg is taken, where its item does not say
     endurance_s: float | None = None  # time in the air; None: unknown
     reserve_fraction: float = 0.2  # fraction of it that a flight leaves
-    speeds_from: str = "the autopilot's defaults"  # where the speeds are from, for people
+    speeds_from: str = "the autopilot's defaults"  # where the speeds are from, as text
 
     @property
     def speeds_in_words(self) -> str:
@@ -68,8 +68,7 @@ def default_aircraft(autopilot: AutopilotName, kind: Kind) -> Aircraft:
 
     ArduCopter: WPNAV_SPEED, WPNAV_SPEED_UP, WPNAV_SPEED_DN, RTL_ALT, CIRCLE_RADIUS; ArduPlane: AIRSPEED_CRUISE, TECS_CLMB_MAX,
     TECS_SINK_MAX, ALT_HOLD_RTL, WP_LOITER_RAD, LIM_ROLL_CD, NAVL1_PERIOD; PX4: MPC_XY_CRUISE, MPC_Z_V_AUTO_UP, MPC_Z_V_AUTO_DN,
-    FW_AIRSPD_TRIM, FW_T_CLMB_R_SP, FW_T_SINK_R_SP, RTL_RETURN_ALT, NAV_LOITER_RAD, FW_R_LIM,
-    NPFG_PERIOD, NAV_ACC_RAD.
+    FW_AIRSPD_TRIM, FW_T_CLMB_R_SP, FW_T_SINK_R_SP, RTL_RETURN_ALT, NAV_LOITER_RAD, FW_R_LIM, NPFG_PERIOD, NAV_ACC_RAD.
     """
     if kind == "multirotor":
         if autopilot == "px4":

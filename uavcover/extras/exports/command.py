@@ -135,7 +135,7 @@ def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper
 
 
 def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[ExportedFile, ...]") -> None:
-    """Report what a list of points cannot contain, and what the pilot has to do."""
+    """Report what a list of points cannot contain, and the pilot's tasks."""
     console.say("heights are relative to the take-off position: start on the ground at the plan's home")
     console.say("the aircraft stops at each point; it lands from the last point, straight above home")
     console.say(

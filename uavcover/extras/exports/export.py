@@ -96,7 +96,7 @@ def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile
     Raises:
         InputError: the run, the format or an option cannot be used.
         OutputError: a file already exists, would be left over from an older export, or cannot be written.
-        InfeasibleError: a leg breaks a limit, or no flight of so few points reaches a part of the route.
+        InfeasibleError: a leg exceeds a limit, or no flight of so few points reaches a part of the route.
         mission_io.errors.FormatError: the format cannot express the mission.
     """
     _check(request)
@@ -137,7 +137,7 @@ def flights_for(site: Site, route: Route, request: ExportRequest, *, vehicles: i
     """The flights of a route for the target of a request: the same for its files and for its page on paper.
 
     Raises:
-        InfeasibleError: a leg breaks a limit, or no flight of so few points reaches a part of the route.
+        InfeasibleError: a leg exceeds a limit, or no flight of so few points reaches a part of the route.
     """
     autopilot = request.autopilot or site.scenario.vehicle.autopilot
     if request.stops:

@@ -220,7 +220,7 @@ def print_plan(run: RunFolder, request: ExportRequest, notes: Mapping[str, str])
 
     Raises:
         InputError: the run cannot be read, or has no place or home.
-        InfeasibleError: a leg breaks a limit.
+        InfeasibleError: a leg exceeds a limit.
         OutputError: the page already exists, or cannot be written.
     """
     folder = run if request.sortie is None else run.flight(request.sortie)

@@ -1,4 +1,4 @@
-"""One table of what all vehicles of a fleet do, and the user as each of them sees it."""
+"""One table of the actions of all vehicles of a fleet, and the user interface of each vehicle's workflow."""
 
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence

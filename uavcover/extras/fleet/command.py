@@ -212,7 +212,7 @@ def fly_fleet(
 
     Raises:
         InputError: the plan is for another number of vehicles, or a sortie was flown already.
-        InfeasibleError: a leg breaks a limit.
+        InfeasibleError: a leg exceeds a limit.
         FleetFailedError: a vehicle failed, or was lost.
     """
     require_different([VehiclePlace(link.url, link.system_id) for link in links])

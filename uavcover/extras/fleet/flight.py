@@ -163,7 +163,7 @@ class FleetFlight:
                 self._take_end(record, clock.now())
 
     def _listen(self, record: FlownSortie, connected: Connected, clock: FleetClock) -> None:
-        """Listen to a lost vehicle while others fly or wait for it: its position counts again once it is heard."""
+        """Listen to a lost vehicle while others fly or wait for it: its position counts again when messages arrive."""
         self.work.queues.done(record.vehicle)
         heard = LostVehicle(record.job, connected, self.traffic)
         while not self._stopped and self.work.queues.work_is_left and not record.down:
@@ -223,7 +223,7 @@ class FleetFlight:
     def _followed(
         self, record: FlownSortie, connected: Connected, clock: FleetClock, begin: Callable[[], FlightOutcome]
     ) -> FlightOutcome:
-        """Fly, and let the others know at once how it ended: to write the record takes a while."""
+        """Fly, and report the end to the others at once, because writing the record takes a while."""
         try:
             record.outcome = begin()
             return record.outcome

@@ -65,7 +65,7 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
 
     Raises:
         InputError: the plan is for another number of vehicles, or cannot be read.
-        InfeasibleError: a leg breaks a limit.
+        InfeasibleError: a leg exceeds a limit.
     """
     document = run.read_json("plan.json", made_by="uavcover plan")
     fleet, rows = document.get("fleet"), document.get("sorties")
@@ -111,7 +111,7 @@ def _planned_use(site: Site, route: Route) -> tuple[Timeline, float | None]:
     """The planned times of a sortie, and the fraction of a battery that it uses.
 
     Raises:
-        InfeasibleError: a leg breaks a limit, or the flight takes too long.
+        InfeasibleError: a leg exceeds a limit, or the flight takes too long.
     """
     autopilot = site.scenario.vehicle.autopilot
     compiled = compile_mission(site, route)
@@ -156,7 +156,7 @@ def _sortie_of(job: Job) -> RunFolder:
 
 
 def is_for(job: Job, site: Site) -> bool:
-    """Whether a job is planned for a vehicle like that of a site, from the same home."""
+    """Whether a job was planned for an identical vehicle with the same home."""
     return is_alike(job.site.scenario, site.scenario)
 
 
@@ -164,7 +164,7 @@ def for_another(job: Job, site: Site, command: Sequence[str]) -> Job:
     """An unflown job for the vehicle of a site, every leg checked; planned anew where the vehicles differ.
 
     Raises:
-        InfeasibleError: a leg breaks a limit of that vehicle, or the flight takes it too long.
+        InfeasibleError: a leg exceeds a limit of that vehicle, or the flight takes it too long.
     """
     if is_for(job, site):
         return job
@@ -184,7 +184,7 @@ def time_for(job: Job, route: Route, site: Site) -> float:
     """Time of a site's vehicle for a job or a part; as planned where it is like the job's own.
 
     Raises:
-        InfeasibleError: that vehicle sees something else, a leg breaks a limit of it, or the flight takes it too long.
+        InfeasibleError: that vehicle has another sensor, a leg exceeds a limit of it, or the flight takes it too long.
     """
     if job.site.scenario.sensor != site.scenario.sensor:
         raise InfeasibleError("it requires a sensor that the remaining vehicles do not have")

@@ -33,7 +33,7 @@ from uavcover.scenario.site import Site
 
 
 class FleetClock(Protocol):
-    """The clock that all vehicles of a fleet share, as the thread of one vehicle sees it."""
+    """The clock of the whole fleet, as the thread of one vehicle uses it."""
 
     def now(self) -> float:
         """Vehicle seconds; only differences mean something."""

@@ -90,9 +90,10 @@ class FleetPosition:
 
 
 _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
-"""So far ahead two vehicles are looked at; farther before one that holds goes on, so that it does not stop again at once."""
+"""Time for which two vehicles are checked ahead; longer before a holding one continues, so that it does not stop again at
+once."""
 _ERROR_S, _ERROR_FRACTION = 2.0, 0.02
-"""By how much the next moments may differ from what is reckoned: at once, and for each second ahead."""
+"""Uncertainty of the prediction: at once, and for each second ahead."""
 _BACK_S, _BEYOND_S = 2.0, 20.0
 """A vehicle is looked for in the plan from a little before where it was to a little after where it may be by now."""
 
@@ -122,7 +123,7 @@ class Traffic:
             self._flights[name] = FleetPosition(timeline, pieces_of(timeline, self._fleet), planned_s, pace_m_s)
 
     def drop(self, name: str) -> None:
-        """Remove a flight that will not take place: no other waits for it."""
+        """Remove a flight that will not take place, so that no other waits for it."""
         with self._lock:
             self._flights.pop(name, None)
 
@@ -312,7 +313,7 @@ class Traffic:
         return ((n, f) for n, f in self._flights.items() if n != name)
 
     def _counts(self, flight: FleetPosition, now: float) -> bool:
-        """Whether a flight may be in the way of one in the air."""
+        """Whether a flight may block one in the air."""
         return flight.phase is not FleetPhase.LOST or flight.may_fly(now, self._fleet)
 
     def _apart_from_start(self, name: str, own: FleetPosition, other: str, flight: FleetPosition, now: float) -> bool:

@@ -102,7 +102,7 @@ def _site_sha256(site: Site) -> str:
 
 
 def _add(found: Any, value: object) -> None:
-    """Add numbers, bytes and arrays to a hash, so that different ones differ in what is added."""
+    """Add numbers, bytes and arrays to a hash, so that different values give different hashes."""
     if isinstance(value, tuple | list):
         found.update(f"({len(value)}".encode())
         for each in value:
@@ -148,7 +148,7 @@ _NODE = 24
 _SHARED_NODE = 8
 """Bytes for each pixel of elevation data as it is read, or as a worker unpacks it; and in a file that all workers map."""
 _OF_COMMAND = 420
-"""Bytes for each cell of the whole area, in the command: the cells, what routes see of them, and judging side by side."""
+"""Bytes for each cell of the whole area, in the command: the cells, what routes observe of them, and judging in parallel."""
 _OF_LARGE_COMMAND = 60
 _OF_BLOCKS = 500 * MIB
 """The same for an area so large that it is judged block by block, and all blocks that are looked at meanwhile."""
@@ -352,7 +352,7 @@ def search_parts_on(workers: Workers, *, should_stop: Callable[[], bool]) -> Run
 
 
 def look_with(executor: Executor) -> RunBlocks:
-    """Look at blocks of a large area by threads."""
+    """Evaluate blocks of a large area by threads."""
 
     def run(site: Site, tasks: Sequence[BlockTask]) -> Iterator[tuple[BlockTask, BlockLook]]:
         return zip(tasks, executor.map(lambda task: look_at_block(site, task), tasks), strict=True)

@@ -2,8 +2,8 @@
 
 It is a function of its task alone: any worker gives the same answer.
 
-A cell belongs to one part: to its own, or, once there are routes, to one of those that see it. So parts can be improved side by
-side, and no cell is required twice or forgotten.
+A cell belongs to one part: to its own, or, once there are routes, to one of those that observe it. So parts can be improved in
+parallel, and no cell is required twice or forgotten.
 """
 
 import dataclasses
@@ -51,7 +51,7 @@ class Neighbour:
     """The route of another part."""
 
     route_m: FloatArray  # (n, 3) its waypoints
-    first: bool  # whether a cell that both see is its own
+    first: bool  # whether a cell that both observe is its own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,13 +61,13 @@ class PartTask:
     number: int  # of the part, from 0
     round: int  # of the search, from 0
     area_wkb: bytes  # the part, as well-known binary
-    goal: float  # required share of the coverable ground
+    goal: float  # required fraction of the coverable ground
     seed: int  # of the whole search
     evaluations: int  # of the local search, PROPOSALS_PER_EVALUATION proposals each
     budget_s: float | None = None  # or a time budget
     # (n, 3) the route so far; none in the first round where lines are to be laid out for the part
     route_m: FloatArray | None = None
-    neighbours: tuple[Neighbour, ...] = ()  # the routes that see some of the part
+    neighbours: tuple[Neighbour, ...] = ()  # the routes that observe some of the part
 
     @property
     def area(self) -> Piece:
@@ -76,14 +76,14 @@ class PartTask:
 
 
 class PartCells:
-    """The cells that one part has to see."""
+    """The cells that one part has to observe."""
 
     def __init__(self, task: PartTask) -> None:
         self._task = task
         self._area = task.area
 
     def asked(self, coverage: CoverageMap) -> CoverageMap:
-        """The map, with only these cells to see."""
+        """The map, with only these cells to observe."""
         task = self._task
         own = np.asarray(shapely.contains_xy(self._area, *coverage.grid.middles_m.T))
         if task.route_m is None:
@@ -108,7 +108,7 @@ def search_part(site: Site, task: PartTask, *, now: Callable[[], float], should_
         site: of the whole area.
         task: what to do.
         now: the clock of a budget.
-        should_stop: asked between batches; the best so far is returned.
+        should_stop: called between batches; the best so far is returned.
     """
     part = dataclasses.replace(site, area=_looked_at(site, task), whole=site, block_cells=None)
     try:
@@ -160,7 +160,7 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
 
 
 def _looked_at(site: Site, task: PartTask) -> Piece:
-    """The part; later what its route sees beside it, too."""
+    """The part; later what its route observes beside it, too."""
     if task.route_m is None:
         return task.area
     reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m

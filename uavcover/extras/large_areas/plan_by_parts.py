@@ -66,9 +66,9 @@ _SHARES = (1 / 32, *TIGHT)
 On 10,000 km² with relief of 900 m the least is best: 119 lines in 11,875 km, where 1/16 takes 121 in 12,075.
 """
 _FEWEST_LINES = 2
-"""Fewest lines of a slice: the search moves lines, and those of other slices stay."""
+"""Fewest lines of a slice, because the search moves its lines while those of other slices stay."""
 _OVER_AREA = 0.8
-"""Lines over the whole area cross what is between its parts; where they see less of the area than so much of what they could,
+"""Lines over the whole area cross what is between its parts; where they observe less of the area than so much of what they could,
 parts with lines of their own are better."""
 
 
@@ -85,8 +85,8 @@ def sliced(site: Site, coarse: CoverageMap, goal: float, count: int) -> list[Sli
 
     Args:
         site: the scenario on its ground.
-        coarse: cells to find out what the routes see.
-        goal: required share of the coverable ground.
+        coarse: cells to find out what the routes observe.
+        goal: required fraction of the coverable ground.
         count: how many.
 
     Returns:
@@ -250,7 +250,7 @@ def plan_by_parts(
     The plan depends on the seed, the evaluations and the number of parts, and not on who searches in which part, or when.
 
     Raises:
-        InfeasibleError: the joined route breaks a limit; says which.
+        InfeasibleError: the joined route exceeds a limit; says which.
         InputError: the rule cannot be understood, or the scenario cannot be planned by parts.
     """
     require_parts(settings, site)
@@ -291,7 +291,7 @@ def plan_by_parts(
         found.append(whole)
         look_at_all(fine, [whole.waypoints_m], run_blocks)
         seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
-        if know_each_other:  # before that, what they see twice is no sign
+        if know_each_other:  # before that, what they observe twice is no sign
             missing = with_safety(goal) - seen
             aim = min(1.0, aim + float(np.clip(missing, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)))
         done = min(effort.evaluations, round(sum(_ROUNDS[: number + 1]) * effort.evaluations))
@@ -342,7 +342,7 @@ def tasks_of(
     routes: Sequence[FloatArray] | None,
     goal: float,  # fraction of the coverable ground
     *,
-    # from 0; in odd ones the lower number of two neighbours keeps what both see, in even ones the higher
+    # from 0; in odd ones the lower number of two neighbours keeps what both observe, in even ones the higher
     round_number: int,
     seed: int,  # of the whole search
     evaluations: int,  # of each part
@@ -360,7 +360,7 @@ def tasks_of(
     tree = shapely.STRtree([way.buffer(reach_m) for way in ways])
     with_routes = []
     for task, area, route, way in zip(tasks, areas, routes, ways, strict=True):
-        # Who sees some of what this part is asked about: its own ground, and what its route sees.
+        # Who observes some of what this part is asked about: its own ground, and what its route observes.
         near = tree.query(shapely.union(area, way.buffer(reach_m)), predicate="intersects")
         neighbours = tuple(
             Neighbour(routes[k], first=(k < task.number) == (round_number % 2 == 1))

@@ -1,7 +1,8 @@
 """Parts that are a flight each, around home: how many sectors and layers, and where their sides are.
 
-A flight that sees something on its way there and back is worth more than one that works in a compact part: on 100 km² around home
-the ways take a quarter of the time. So the area is divided into sectors and layers (``sectors.py``), as few as batteries allow.
+A flight that observes something on its way there and back is worth more than one that works in a compact part: on 100 km² around
+home the ways take a quarter of the time. So the area is divided into sectors and layers (``sectors.py``), as few as batteries
+allow.
 """
 
 import itertools
@@ -29,28 +30,27 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 # Sectors: parts of an area between two rays from home, and their flights, one for each layer.
 #
-# Every flight to a distant layer passes over nearer ground twice. Here it sees something on both ways: it goes out in
-# a strip along one side of the sector, sees its layer in lines across, the nearest first, and comes home in a strip
-# along the other side, which begins at the far end of its layer. Farther layers have the outer strips, and nearer
-# ones see what is between them. Lines across meet the sides at right angles or nearly so, where lines along a ray
-# would leave gaps or overlap in proportion to the distance from home. Where the sector is no wider than all its
-# strips, flights see it from straight ways to home.
+# Every flight to a distant layer crosses nearer ground twice. Here it observes something on both ways: it goes out in a strip
+# along one side of the sector, observes its layer in lines across, the nearest first, and comes home in a strip along the other
+# side, which begins at the far end of its layer. Farther layers have the outer strips, and nearer ones see what is between them.
+# Lines across meet the sides at right angles or nearly so, where lines along a ray would leave gaps or overlap in proportion to
+# the distance from home. Where the sector is no wider than all its strips, flights observe it from straight ways to home.
 
 _NEAREST = 0.6
-"""A flight begins and ends to see so near to home, in widths of a strip: what is nearer is seen on the way."""
+"""A flight begins and ends to observe so near to home, in widths of a strip: what is nearer is observed on the way."""
 _GRID_M = 1e-4
 """Corners of pieces lie on so fine a grid: between those anywhere rounding makes slivers, and these break what follows."""
 _ROUNDED = 0.3
-"""Share of a line across: above this remainder one more is flown."""
+"""Fraction of a line across: above this remainder one more is flown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Swath:
     """Strip that a flight covers beside it."""
 
-    width_m: float  # of the ground that one line sees
+    width_m: float  # of the ground that one line observes
     spacing_m: float  # between lines across
-    inset_m: float  # how far lines stop before the border of what they see
+    inset_m: float  # how far lines stop before the border of what they observe
 
 
 class Sector:
@@ -67,7 +67,7 @@ class Sector:
         from_rad: float,  # one side, counter-clockwise from east
         to_rad: float,  # the other side, less than pi farther
         layers: int,  # how many
-        swath: Swath,  # what a flight sees
+        swath: Swath,  # what a flight observes
         *,
         turned: bool = False,  # whether flights go out along the other side
     ) -> None:
@@ -75,7 +75,7 @@ class Sector:
         along, across = (math.cos(middle), math.sin(middle)), (-math.sin(middle), math.cos(middle))
         if turned:
             across = (-across[0], -across[1])
-        # The sector's own frame: x away from home, y from the side of the ways out to that of the ways back.
+        # The sector's own frame: x away from home, y from the side of the ways out to that of the return transit.
         self._home, self._axes = np.array(home_en), np.array([along, across])
         shift = -self._axes @ self._home
         own = _on_grid(affine_transform(area, [*along, *across, *shift]))
@@ -96,7 +96,7 @@ class Sector:
         return bool(self._own.is_empty)
 
     def bounds_m(self, shares: Sequence[float] | FloatArray) -> FloatArray:
-        """(layers + 1,) distances from home along the axis, the smallest first, between layers with given shares of the ground.
+        """(layers + 1,) ascending distances from home, along the axis, between layers with given fractions of the ground.
 
         Args:
             shares: (layers,) of the ground, the layer farthest from home first.
@@ -125,13 +125,13 @@ class Sector:
         return found
 
     def lines(self, layer: int, bounds_m: FloatArray, *, more: int, other_end: bool) -> FloatArray:
-        """(n, 2) corners on the map of the flight that sees a layer.
+        """(n, 2) corners on the map of the flight that observes a layer.
 
         Args:
             layer: from 1, the one farthest from home.
             bounds_m: of the layers.
             more: number of lines across beyond those that fit.
-            other_end: whether the first line across is begun at the side of the way back.
+            other_end: whether the first line across is begun at the side of the return transit.
         """
         inner, outer = bounds_m[self._layers - layer], bounds_m[self._layers - layer + 1]
         across = self._lines_across(layer, inner, outer, more)
@@ -251,7 +251,7 @@ _TOLERANCE = 1 / 8
 _INSET = 0.9
 """Inset at the ends of lines, as a fraction of the sensor's reach."""
 _SPACINGS = (1.09, 1.06, 1.03, 1.0, 0.97, 0.94, 0.9, 0.85)
-"""Between lines across, in widths of a swath: the widest that sees enough is taken."""
+"""Between lines across, in widths of a swath: the widest that observes enough is taken."""
 _ENOUGH = 0.002
 """Shortfall against the required coverage that is accepted in an initial solution."""
 _BALANCINGS, _FINAL_BALANCINGS = 2, 5
@@ -270,7 +270,7 @@ class SortiePart:
     """A part of an area for one flight."""
 
     area: Piece  # of the part
-    begin_m: FloatArray  # (n, 3) ENU of a flight that sees it, nearly
+    begin_m: FloatArray  # (n, 3) ENU of a flight that observes it, nearly
     cost: float  # of the mission that flies it
     load: float  # the fraction of what one flight may take: time, battery or items, whichever is most
 
@@ -286,8 +286,8 @@ def sortie_parts(site: Site, coarse: CoverageMap, goal: float) -> list[SortiePar
 
     Args:
         site: for which :func:`may_have_sorties` holds.
-        coarse: cells to find out what the flights see.
-        goal: required share of the coverable ground.
+        coarse: cells to find out what the flights observe.
+        goal: required fraction of the coverable ground.
     """
     best: tuple[float, int, int] | None = None
     plans = _Sorties(site)
@@ -390,7 +390,7 @@ class _Sorties:
         return lay_over_terrain(site, best, heights_m, tolerance_m=self._tolerance_m)
 
     def _part(self, area: Piece, begin_m: FloatArray) -> SortiePart:
-        # mission items of a way between home and the first place that is seen: a few waypoints
+        # mission items of a way between home and the first place that is observed: a few waypoints
         costs = straight_flight_costs(self._site, begin_m, way_items=4)
         last = len(begin_m) - 1
         free = costs._replace(

@@ -35,7 +35,7 @@ _DEGREES = CRS.from_epsg(4326)
 def read_geo_txt(path: Path) -> list[Picture]:
     """Read ODM's geolocation file.
 
-    Its angles are left out, which ODM does not use for positions either.
+    Its angles are omitted, which ODM does not use for positions either.
 
     Raises:
         TrackError: it is none.
@@ -157,8 +157,7 @@ def read_table(path: Path) -> list[Picture]:
     """Read a table with column names in its first row: at least a name, latitude, longitude and a height.
 
     Tables of ExifTool (``-csv``) have these, as it prints them (``8 deg 27' 55.22" N``, ``390.7 m Above Sea Level``), or as
-    numbers (``-n``).
-    Pitch is that of the camera above the horizon: -90 looks straight down.
+    numbers (``-n``). Pitch is that of the camera above the horizon: -90 looks straight down.
 
     Raises:
         TrackError: it is none, or a number is not one.

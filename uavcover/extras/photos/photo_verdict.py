@@ -191,7 +191,7 @@ def footprint_m(
 ) -> FloatArray:
     """(k, 3) ENU, the places where the edge of a photo first meets the ground, in order around it.
 
-    Rays that meet no ground within ``reach_m`` are left out; fewer than three places are no footprint.
+    Rays that meet no ground within ``reach_m`` are omitted; fewer than three places are no footprint.
     """
     eye, axis, top = placed.eyes_m[number], placed.axes[number], placed.tops[number]
     right = np.cross(axis, top)

@@ -46,7 +46,7 @@ _STRAIGHT_SHARE = 0.1
 """Lines are laid straight where they leave their bends by no more than this fraction of the reach."""
 
 _SHORTEST_REACHES = 0.5
-"""Shorter pieces of lines, which the border of the area cuts off, are left out."""
+"""Shorter pieces of lines, which the border of the area cuts off, are omitted."""
 
 _AT_WAYPOINTS = math.sqrt(2.0)
 """Side of the square that is observed whole from its middle, in reaches."""

@@ -320,7 +320,7 @@ class NodeRows:
 
 
 def fly_rows(site: Site, layout: NodeRows) -> Route:
-    """The route over a lattice; nodes outside the fence are left out."""
+    """The route over a lattice; nodes outside the fence are omitted."""
     west, south, east, north = site.area.bounds
     dx, dy = (east - west) / layout.columns, (north - south) / layout.rows
     places = []

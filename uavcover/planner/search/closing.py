@@ -31,7 +31,7 @@ _NEARLY_CLOSED = 0.1
 """At this fraction of the missing ground, the rest is repaired after the main repair."""
 
 _CLOSE_SAMPLES_M = 1.0
-"""Sample spacing over the ground, for joined routes that break a limit."""
+"""Sample spacing over the ground, for joined routes that exceed a limit."""
 
 
 def closed_end(

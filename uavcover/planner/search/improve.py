@@ -70,7 +70,7 @@ class Improved:
 def improve(
     coverage: CoverageMap,  # on the planner's cells
     judging: CoverageMap,  # on the evaluation grid
-    candidates: Sequence[Candidate],  # found so far; those that break a limit are no beginning
+    candidates: Sequence[Candidate],  # found so far; infeasible ones are no initial solutions
     # its effort and clock, the executor of its chains, and who follows it; evaluations that are done already count
     run: SearchRun,
     *,

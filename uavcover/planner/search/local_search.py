@@ -147,7 +147,7 @@ class Work:
     problem: RouteProblem  # the problem
     pace: SearchPace  # how much is left
     rngs: Sequence[np.random.Generator]  # one random generator for each chain
-    executor: Executor | None  # runs the chains side by side; the result does not depend on it
+    executor: Executor | None  # runs the chains in parallel; the result does not depend on it
     should_stop: Callable[[], bool]  # called between batches
     on_batch: Callable[[Sequence[Chain]], None]  # called after every batch, with the chains
     # the problem on the finest cells, which agrees with the evaluation grid; None without finer cells

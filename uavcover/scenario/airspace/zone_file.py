@@ -44,7 +44,7 @@ _COLD_SHARE = 0.15
 class ReadZone:
     """A zone of a file: polygons, or a circle."""
 
-    name: str  # for people
+    name: str  # shown to the user
     names: frozenset[str]  # names and identifiers by which it can be ignored
     heights: dict[str, float]  # its floors and ceilings by the scenario's keys, such as ``floor_agl_m``
     polygons: tuple[Rings, ...] = ()  # each its outer ring and its holes
@@ -58,7 +58,7 @@ class ReadZone:
 
 @dataclass(frozen=True, slots=True)
 class ReadZones:
-    """The zones of a file, and what was left out, one line each."""
+    """The zones of a file, and what was omitted, one line each."""
 
     zones: tuple[ReadZone, ...]
     notes: tuple[str, ...] = field(default=())
@@ -116,7 +116,7 @@ _HEIGHTS: Final = ("floor_agl_m", "floor_amsl_m", "ceiling_agl_m", "ceiling_amsl
 _TIMES: Final = ("from_utc", "until_utc")
 
 NEAR_KM = 20.0
-"""Zones of a file farther from area, home and fence are left out."""
+"""Zones of a file farther from area, home and fence are omitted."""
 
 _LARGEST_RADIUS_M = 1_000_000.0
 
@@ -126,12 +126,12 @@ def read_zones(
 ) -> tuple[tuple[NoFly, ...], tuple[str, ...]]:
     """Read the zones of an entry that names a file, each with its own outline.
 
-    Also return what was left out, one line each.
+    Also return what was omitted, one line each.
 
     Args:
         entry: names the file; its floors, ceilings and times are those of zones whose file has none.
         folder: base of a relative path.
-        near: west, south, east, north in degrees of what is flown; zones far from it are left out. None keeps them all.
+        near: west, south, east, north in degrees of what is flown; zones far from it are omitted. None keeps them all.
 
     Raises:
         InputError: one line that names the file and the zone, what is wrong there, and the way out.

@@ -43,7 +43,7 @@ class Zone:
     """A no-fly zone in the local frame."""
 
     entry: NoFly  # as the scenario has it
-    name: str  # for people, never empty
+    name: str  # as text, never empty
     outline: Polygons  # (east, north) metres; of a circle, a polygon around it
     circle: tuple[float, float, float] | None = None  # east, north, radius, metres; None for polygons
 
@@ -65,7 +65,7 @@ class Zone:
         return float(shapely.distance(self.outline.boundary, place)) if self.outline.contains(place) else 0.0
 
     def heights_in_words(self) -> str:
-        """Floor and ceiling for people."""
+        """Floor and ceiling as text."""
         entry = self.entry
         floors = [(entry.floor_agl_m, "above ground"), (entry.floor_amsl_m, "AMSL")]
         ceilings = [(entry.ceiling_agl_m, "above ground"), (entry.ceiling_amsl_m, "AMSL")]

@@ -269,7 +269,7 @@ class FoundArea:
     parts: tuple[Rings, ...]  # its polygons, each an outer ring and holes of (longitude, latitude), -180..180
     name: str  # of its only feature, or of the file; empty for a box, a circle or text
     is_file: bool  # whether it was read from a file
-    notes: tuple[str, ...]  # what was repaired or left out, one line each
+    notes: tuple[str, ...]  # what was repaired or omitted, one line each
 
 
 def is_area_file(source: str) -> bool:

@@ -45,7 +45,7 @@ class AreaDocument:
     others: str = ""  # its other content, for the error without a polygon: "2 lines"
     rings_may_be_open: bool = False  # whether the format leaves out the last corner, which repeats the first
     unclosed: tuple[str, ...] = ()  # places of rings that should have been closed and were not, found while reading
-    notes: tuple[str, ...] = ()  # what was repaired or left out, one line each
+    notes: tuple[str, ...] = ()  # what was repaired or omitted, one line each
 
 
 def chosen(document: AreaDocument, layer: str | None, feature: str | None) -> tuple[tuple[str, AreaFeature], ...]:

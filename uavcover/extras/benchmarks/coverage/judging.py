@@ -1,7 +1,7 @@
 """Scenarios of the benchmark, the required coverage of each, and the value of a set of routes.
 
-Sets are judged on the cells of the area, with the hypervolume measured from a point of each scenario; chosen routes are
-judged on hold-out cells, which no planner has seen.
+Sets are judged on the cells of the area, with the hypervolume measured from a point of each scenario; chosen routes are judged on
+hold-out cells, which no planner has observed.
 """
 
 import dataclasses
@@ -81,7 +81,7 @@ class HoldOut:
         self.held_out: BoolArray = ~np.logical_or.reduce([_is_centre(centres, size) for size in sizes])
 
     def coverage_of_coverable(self, route_m: FloatArray) -> float:
-        """Share of what can be seen at all from inside the limits that an (n, 3) ENU route sees, 0..1."""
+        """Coverage of the visible ground by an (n, 3) ENU route, 0..1."""
         weight_m2, counts = self.coverage.grid.weight_m2, self._coverable
         whole = float(weight_m2[counts].sum())
         return float(weight_m2[counts & self.coverage.seen(route_m)].sum()) / whole if whole > 0.0 else 0.0
@@ -92,7 +92,7 @@ class HoldOut:
 
 
 def _is_centre(places_m: FloatArray, cell_m: float) -> BoolArray:
-    """(n,) whether (n, 2) places, counted from the lattice's corner, are centres of its cells."""
+    """(n,) whether (n, 2) positions, counted from the lattice's corner, are centres of its cells."""
     at = places_m / cell_m - 0.5
     return np.asarray((np.abs(at - np.round(at)) < _SAME_PLACE).all(axis=1))
 
@@ -115,7 +115,7 @@ class Chosen:
     """The route that was chosen from a set."""
 
     met: bool  # whether it has the required coverage
-    coverage: float  # fraction of what is coverable, on the cells of the area
+    coverage: float  # fraction of the visible ground, on the cells of the area
     hold_out: float  # the same on cells that no planner has used
     waypoints: int  # how many
     length_m: float  # of the open path
@@ -173,7 +173,7 @@ class Judge:
         return JudgedMoment(at_s, front, chosen), pareto[choices["rule"].index]
 
     def hold_out(self, member: RouteMember) -> float:
-        """Share of what is coverable, on the hold-out cells."""
+        """Fraction of the visible ground, on the hold-out cells."""
         return self._hold_out.coverage_of_coverable(member.route.waypoints_m)
 
     def judged(self, routes: Sequence[NamedRoute]) -> list[RouteMember]:

@@ -41,7 +41,7 @@ from uavcover.extras.benchmarks.rank_tests import compared, friedman
 from uavcover.extras.benchmarks.runs import KeptRuns, csv_text, drawn, markdown, write_texts
 
 HIGH_COVERAGE = 0.8
-"""The second hypervolume counts only what sees more than this."""
+"""The second hypervolume counts only what observes more than this."""
 
 _FULL = 1.0 - 1e-9
 _SAME = 1.0 + 1e-9
@@ -71,7 +71,7 @@ class Sample:
         return CASES[self.outcome.run.scenario]
 
     def hypervolume(self, *, from_coverage: float = 0.0) -> float:
-        """Share of the box to the case's reference point that the set dominates."""
+        """Fraction of the box to the case's reference point that the set dominates."""
         return hypervolume_share(self.case, self.moment.front, from_coverage=from_coverage)
 
     def chosen(self, choice: str) -> Chosen | None:
@@ -86,7 +86,7 @@ class Sample:
 
     @property
     def fewest_full(self) -> float:
-        """Fewest waypoints that see everything; NaN when none do."""
+        """Fewest waypoints that observe everything; NaN when none do."""
         return min((p.waypoints for p in self.moment.front if p.coverage >= _FULL), default=math.nan)
 
     def most_with(self, waypoints: int) -> float:

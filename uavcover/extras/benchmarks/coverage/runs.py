@@ -1,8 +1,8 @@
 """Contenders of the coverage benchmark, and their runs in the order of their worth.
 
 Contenders are planners, which get a budget and a seed, and constructions, which need neither. Among these is the exhaustive line
-scan, a boustrophedon tuned for as long as it takes: many directions, heights, insets, tolerances, and every number of lines.
-Each run is made in a process of its own kind and kept as one file.
+scan, a boustrophedon tuned for as long as it takes: many directions, heights, insets, tolerances, and every number of lines. Each
+run has its own process and is stored as one file.
 """
 
 import dataclasses
@@ -53,7 +53,7 @@ class Tried:
 
     family: str  # all that does not change with the number of lines, as text
     lines: int  # how many lines, or rows of nodes
-    coverage: float  # fraction of what is coverable, on the cells of the area
+    coverage: float  # fraction of the visible ground, on the cells of the area
     hold_out: float  # the same on cells that no planner has used
     waypoints: int  # how many
     length_m: float  # of the open path
@@ -412,7 +412,7 @@ def _judge(scenario: str) -> Judge:
 
 @functools.cache
 def _warm_up(scenario: str) -> None:
-    """Load the compiled code before a clock runs: a user's second plan is what is measured."""
+    """Load the compiled code before the clock starts, to measure a user's second plan."""
     judge = _judge(scenario)
     settings = judge.site.scenario.planner
     effort = Effort(2 * settings.population_size, None, lambda: 0.0)

@@ -95,7 +95,7 @@ COLUMNS: Final = (*(f.name for f in fields(Trial)), *(f.name for f in fields(Tra
 
 
 def mission_items(count: int = ITEMS) -> tuple[MissionItem, ...]:
-    """A mission in which no two items, and no latitude and longitude, are alike."""
+    """A mission in which no two items, and no latitude and longitude, are identical."""
     return tuple(
         waypoint(
             degrees_on_wire(46.1 + i * 1e-3),

@@ -157,7 +157,7 @@ OUTCOMES: Final = "outcomes.csv"
 
 
 def trials(*, clients: Collection[str], losses: Collection[float], delay_s: float, seeds: int) -> list[Trial]:
-    """Every trial, first seeds first, so that a benchmark that is stopped early has seen every cell."""
+    """Every trial, first seeds first, so that a benchmark that is stopped early has run every cell."""
     return [
         Trial(client, vehicle, direction, delay_s, loss, seed)
         for seed in range(seeds)
@@ -169,7 +169,7 @@ def trials(*, clients: Collection[str], losses: Collection[float], delay_s: floa
 
 
 def read_outcomes(folder: Path) -> list[TransferOutcome]:
-    """The outcomes in a folder; a last line that was cut off by a kill is left out.
+    """The outcomes in a folder; a last line that was cut off by a kill is omitted.
 
     Raises:
         InputError: another line cannot be read.
@@ -191,8 +191,8 @@ def read_outcomes(folder: Path) -> list[TransferOutcome]:
 def run_missing(folder: Path, wanted: Collection[Trial], *, at_a_time: int) -> Iterator[TransferOutcome]:
     """Run what is not in the folder yet, and yield each outcome once it is written.
 
-    In simulated time first, then over UDP: without loss one after the other, because there the processor is what takes
-    time, and with loss ``at_a_time`` at once, because there everybody waits.
+    In simulated time first, then over UDP: without loss one after the other, because the processor limits them, and with loss
+    ``at_a_time`` at once, because all of them wait.
     """
     done = {outcome.trial for outcome in read_outcomes(folder)}
     missing = [trial for trial in wanted if trial not in done]

@@ -54,5 +54,5 @@ class MmfInPymoo(Problem):  # type: ignore[misc]
 
 
 def pymoo_problem(name: str) -> MmfInPymoo:
-    """The MMF problem of this name for pymoo. Raises InputError: there is no such problem."""
+    """The MMF problem of this name for pymoo. Raises InputError: no such problem."""
     return MmfInPymoo(name)

@@ -1,8 +1,8 @@
 """The runs of an MMF benchmark, every algorithm by name, and their indicators with mean, deviation and median.
 
 A run is one algorithm on one problem with one seed and one budget, in a process and a file of its own. Files are written whole,
-so that a killed benchmark goes on where it was; only runs that are not there yet are made. IGDx, cover rate and PSP are the MMF
-suite's indicators in decision space: plain distances, no normalisation.
+so that a killed benchmark continues where it stopped; only runs that are not there yet are made. IGDx, cover rate and PSP are the
+MMF suite's indicators in decision space: plain distances, no normalisation.
 """
 
 import csv
@@ -208,7 +208,7 @@ class MmfFolder:
         return table_order([*CONTENDERS, *others])
 
     def write(self, run: RunId, x: FloatArray, objectives: FloatArray) -> None:
-        """Write the solutions ``(k, n)`` and ``(k, m)`` of a run, whole or not at all; numbers unrounded.
+        """Write the solutions ``(k, n)`` and ``(k, m)`` of a run, whole or not at all; with exact numbers.
 
         Raises:
             OutputError: it cannot be written.
@@ -392,7 +392,7 @@ def figure(values: FloatArray) -> Figure:
 
 
 def summary_csv(samples: Samples) -> str:
-    """``summary.csv``: function, algorithm, metric, mean, std, median, runs; numbers unrounded."""
+    """``summary.csv``: function, algorithm, metric, mean, std, median, runs; with exact numbers."""
     rows = ([*key, *astuple(figure(values))] for key, values in _by_metric(samples))
     return csv_text(["function", "algorithm", "metric", "mean", "std", "median", "runs"], rows)
 

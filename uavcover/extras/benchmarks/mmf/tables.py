@@ -134,7 +134,7 @@ def functions(samples: Samples) -> list[str]:
 
 
 def short(value: float) -> str:
-    """A figure with four digits, for people: the CSV files have it unrounded."""
+    """A figure with four digits, as text: the CSV files have it unrounded."""
     if math.isnan(value):
         return "-"
     return f"{value:.4g}" if 1e-2 <= abs(value) < 1e5 or value == 0 or math.isinf(value) else f"{value:.3e}"
