@@ -15,11 +15,17 @@ from pymavlink import mavutil
 
 from tests.cli.conftest import WATCHDOG_S, Cli, command, files, limited_to, mock_vehicle, started, wait_for_line
 from uavcover.recording.layout import read_recorded_track
+from uavcover.run.folder import RunFolder
+from uavcover.run.judged_inputs import inspect_inputs
+from uavcover.run.provenance import note_files
 from uavcover.run.track_file import read_track
 
 
 def test_whole_flight_on_the_mock_of_this_process(cli: Cli, flown: Path) -> None:
     before = (flown / "track.csv").read_bytes()
+    (flown / "resumed-1").mkdir()
+    (flown / "resumed-1" / "track.csv").write_bytes(before)
+    note_files(RunFolder(flown), "fly --resume", ["resumed-1/track.csv"], command=["test"])
     assert cli("fly", flown, "--to", "mock:").code == 2, "a track is there"
     assert (flown / "track.csv").read_bytes() == before
     ended = cli("fly", flown, "--to", "mock:", "--mock-speed", 200, "--force", "--json")
@@ -29,6 +35,11 @@ def test_whole_flight_on_the_mock_of_this_process(cli: Cli, flown: Path) -> None
     assert (flown / "track.csv").read_bytes() != before
     assert not (flown / "verification.json").exists(), "it spoke of the older track"
     assert len(read_recorded_track(flown / "flight.rrd")) == ended.document["samples"]
+    assert (flown / "older-1" / "resumed-1" / "track.csv").read_bytes() == before
+    for folder in (flown, flown / "older-1"):
+        assert inspect_inputs(RunFolder(folder), [folder / "track.csv"]).changes == (), (
+            "a flight that is moved is not missed"
+        )
 
 
 def test_what_was_heard_and_sent_is_in_a_telemetry_log(cli: Cli, flown: Path) -> None:

@@ -23,16 +23,18 @@ from uavcover.model.track import EventKind, FlightEvent, TrackSample
 from uavcover.recording import flight as recorded
 from uavcover.recording.writer import LiveRecording
 from uavcover.run import provenance
+from uavcover.run.documents import TRACK
 from uavcover.run.file_group import writing
 from uavcover.run.folder import (
+    AFTER_FLIGHT_FILES,
     FLIGHT_FILES,
     MISSION_FILES,
     PLAN_FILES,
     VERDICT_FILES,
     RunFolder,
+    json_text,
     moves_of_an_older_flight,
 )
-from uavcover.run.provenance import note_files
 from uavcover.run.track_file import SpaceReserve, TrackWriter
 from uavcover.run.user import ProgressBar, User
 from uavcover.scenario.site import Site
@@ -191,12 +193,15 @@ class FlightLog:
         moved = moves_of_an_older_flight(self._run)
         older = self._run.file(next(iter(moved.values()))).parent
         plan = [name for name in (*PLAN_FILES, *MISSION_FILES) if self._run.file(name).is_file()]
+        # No older track is there any more, and the record says so in the same write.
+        gone = dict.fromkeys((*FLIGHT_FILES, *(f"{name}/{TRACK}" for name in moved if name not in AFTER_FLIGHT_FILES)))
+        document = provenance.run_document(self._run)
+        record = provenance.with_entry(document, "begin", command=sys.argv, wrote=gone, moved=moved)
         with writing(older):
             copies: dict[str, str | bytes] = {
                 f"{older.name}/{name}": self._run.file(name).read_bytes() for name in plan
             }
-        self._run.write_together(copies, moved=moved)
-        note_files(self._run, "begin", FLIGHT_FILES, command=sys.argv, moved=moved)  # none of them is there now
+        self._run.write_together({**copies, provenance.RUN_FILE: json_text(record)}, moved=moved)
         self._user.warn(f"moved the previous flight to {older}, a separate run folder")
 
     def take_event(self, event: FlightEvent) -> None:
