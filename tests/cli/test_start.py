@@ -14,9 +14,11 @@ from uavcover.cli.main import _GROUPS, app
 _INTERRUPTED_WHILE_IT_LOADS = """
 import sys
 
+module = sys.argv.pop(1)
+
 class Interrupt:
     def find_spec(self, name, path=None, target=None):
-        if name == "uavcover.cli.main":
+        if name == module:
             raise KeyboardInterrupt
 
 sys.meta_path.insert(0, Interrupt())
@@ -25,10 +27,12 @@ main()
 """
 
 
-def test_ctrl_c_while_it_loads_is_one_line() -> None:
+@pytest.mark.parametrize("module", ["uavcover.cli.main", "uavcover.cli.after_flight"])
+def test_ctrl_c_while_it_loads_is_one_line(module: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", _INTERRUPTED_WHILE_IT_LOADS], capture_output=True, text=True, timeout=300, check=False
-    )
+        [sys.executable, "-c", _INTERRUPTED_WHILE_IT_LOADS, module, "verify", "RUN"],
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 

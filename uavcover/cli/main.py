@@ -57,7 +57,10 @@ class LoadedCommands(MutableMapping[str, Any]):
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._loaded:
-            self._loaded[name] = _load(name, self._titles[name], self._entries[name])
+            try:
+                self._loaded[name] = _load(name, self._titles[name], self._entries[name])
+            except KeyboardInterrupt:  # of which typer would make an end without a word
+                raise typer.Abort from None
         return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:

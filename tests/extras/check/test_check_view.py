@@ -105,6 +105,17 @@ def test_the_view_equals_a_count_that_shares_nothing(cli: Cli, tmp_path: Path, l
     assert (told["coverage_fraction"] < 0.9) == (lines == 2)
 
 
+def test_a_camera_that_waits_for_a_condition_is_not_proved(cli: Cli, tmp_path: Path) -> None:
+    file = survey(tmp_path / "m.waypoints", lines_over_the_area(3), f"206 {EVERY_M} 0 1 0", "206 0 0 0 0")
+    rows = file.read_text().splitlines()
+    rows.insert(4, rows[4].replace("\t206\t", "\t112\t"))
+    file.write_text("\n".join(rows))
+    ended = cli("check", file, *FREE, "--area", AREA, "--camera", "dji-m3e", "--json")
+    assert [(one["kind"], one["items"]) for one in ended.document["findings"] if one["weight"] == "unknown"] == [
+        ("pictures", [4, 4])
+    ]
+
+
 def test_too_little_is_a_finding_and_on_the_map(cli: Cli, tmp_path: Path) -> None:
     file = survey(tmp_path / "m.waypoints", lines_over_the_area(3), f"206 {EVERY_M} 0 1 0", "206 0 0 0 0")
     seen = tmp_path / "seen.geojson"

@@ -33,6 +33,7 @@ from tests.extras.check.worlds import (
     way,
     world,
 )  # fmt: skip
+from uavcover.errors import InputError
 from uavcover.extras.check.check import Checked, CheckRequest, check_mission
 from uavcover.extras.check.endurance_checks import flight_time_s
 from uavcover.extras.check.flown_path import flown_path
@@ -108,6 +109,12 @@ def test_fences() -> None:
     px4 = Aircraft(autopilot="px4", return_height_m=130.0)
     assert found(checked(*OVER, fence=fence(SQUARE, SHORT), aircraft=px4)) == []
     assert ("fence", (2, 4)) in found(checked(*OVER, fence=fence(SHORT), aircraft=px4))
+
+
+@pytest.mark.parametrize("corners", [0, 1, 2])
+def test_a_polygon_of_fewer_than_three_corners_is_refused(corners: int) -> None:
+    with pytest.raises(InputError, match=f"polygon 1 has {corners} of the at least 3 corners"):
+        checked(*OVER, fence=fence(SQUARE, SHORT[:corners]))
 
 
 def test_fences_of_circles_and_holes() -> None:

@@ -181,6 +181,21 @@ def test_a_jump_that_repeats_for_ever_is_cut_off() -> None:
     assert empty.numbers == ()
 
 
+def test_an_inner_loop_is_repeated_by_ardupilot_alone() -> None:
+    inner, outer = command(Command.DO_JUMP, 1.0, 2.0), command(Command.DO_JUMP, 1.0, 1.0)
+    items = [way(1.0, 0.0, 50.0), inner, way(2.0, 0.0, 50.0), outer]
+    assert list(order_of(items).numbers) == [1, 1, 1, 3, 1, 1, 1, 3]
+    assert list(order_of(items, "px4").numbers) == [1, 1, 1, 3, 1, 3]
+
+
+@pytest.mark.parametrize("condition", [Command.CONDITION_DELAY, Command.CONDITION_DISTANCE])
+def test_a_speed_behind_a_condition_is_not_proved(condition: Command) -> None:
+    slow, none = command(Command.DO_CHANGE_SPEED, 1.0, 2.0), command(condition, 0.0)
+    path = flown(up(), way(1.0, 0.0, 50.0), command(condition, 20.0), slow, way(2.0, 0.0, 50.0), slow, home())
+    assert [(one.kind, one.weight, one.items) for one in path.findings] == [("meaning", "unknown", (4, 4))]
+    assert flown(up(), none, slow, way(2.0, 0.0, 50.0), home()).findings == ()
+
+
 def test_jumps_to_tags() -> None:
     items = [command(600, 7.0), way(1.0, 0.0, 50.0), command(601, 7.0, 1.0)]
     assert list(order_of(items).numbers) == [1, 2, 1, 2]

@@ -99,6 +99,11 @@ def test_jumps_take_their_pictures_again() -> None:
     assert places(found) == [(0, 0), (60, 0), (0, 0), (60, 0)]
 
 
+def test_a_camera_behind_a_condition_is_named() -> None:
+    waits = command(Command.CONDITION_DELAY, 20.0)
+    assert pictures(waits, command(183), by_distance(60.0), EAST, by_distance(0.0)).conditional == (4,)
+
+
 def test_pictures_of_the_camera_itself() -> None:
     found = pictures(EAST, NORTH_EAST, always=Series(distance_m=60.0))
     assert places(found) == [(0, 0), (60, 0), (100, 45)]

@@ -119,6 +119,7 @@ class Deed:
 
     item: int  # its number
     after: int  # how many segments are flown before
+    is_conditional: bool = False  # whether a condition before it delays it, or skips it where its leg ends first
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -20,6 +20,9 @@ from uavcover.extras.check.world import Aircraft, World, return_height_m
 from uavcover.kernels.arrays import FloatArray
 
 _REGION_OF_INTEREST, _GUIDED_ENABLE = 80, 92
+_CONDITIONS: Final = (Command.CONDITION_DELAY, Command.CONDITION_DISTANCE)
+CONDITIONAL: Final = "a condition delays this item, or skips it where the leg ends first; it was judged as immediate"
+DO_IT_AT_ONCE: Final = "remove the condition before it, or insert a waypoint"
 _FREE_FLIGHT: Final = frozenset({42702, 42703})
 """ArduPilot's NAV_SCRIPT_TIME and NAV_ATTITUDE_TIME: a script, or angles, fly in place of the mission."""
 
@@ -49,7 +52,7 @@ def flown_path(
         aircraft: who flies it.
         skipped: numbers of items that are omitted because their place is not one to fly to.
     """
-    item_order = order_of(mission.items)
+    item_order = order_of(mission.items, aircraft.autopilot)
     flight = _Flight(mission, world, aircraft)
     order = [number for number in item_order.numbers if number not in skipped]
     for k, number in enumerate(order):
@@ -73,6 +76,8 @@ class _Flight:
         self._then: list[int] = []
         self._is_up = False
         self._is_over = False
+        self._is_conditional = False
+        """Whether items that fly nowhere wait for a condition on the way to the next place."""
         self._flown: set[int] = set()
         self.segments: list[Segment] = []
         self.deeds: list[Deed] = []
@@ -95,6 +100,7 @@ class _Flight:
         item = self._items[number - 1]
         command = _COMMANDS.get(item.command)
         self._flown.add(number)
+        self._is_conditional &= item.command > LAST_NAVIGATION
         if command is not None:
             self._then = then
             command(self, number, item)
@@ -102,7 +108,8 @@ class _Flight:
             self._look(number, "meaning", f"command {item.command} gives control to another controller, so the path is unknown",
                        "check this part separately", "unknown")  # fmt: skip
         elif item.command > LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
-            self.deeds.append(Deed(number, len(self.segments)))
+            self.deeds.append(Deed(number, len(self.segments), self._is_conditional))
+            self._is_conditional |= item.command in _CONDITIONS and item.params[0] > 0.0
         elif item.has_position and self._has_place(item):
             self._look(number, "meaning", f"command {item.command} is judged as a straight path to its position",
                        "check what the autopilot does at this item", "unknown")  # fmt: skip
@@ -261,7 +268,9 @@ class _Flight:
         self._wait(max(_number(item.params[0]), 0.0))
         self._vector_m = None
 
-    def _change_speed(self, _: int, item: MissionItem) -> None:
+    def _change_speed(self, number: int, item: MissionItem) -> None:
+        if self._is_conditional:
+            self._look(number, "meaning", CONDITIONAL, DO_IT_AT_ONCE, "unknown")
         kind, speed = item.params[:2]
         px4 = self._aircraft.autopilot == "px4"  # which takes any kind as the speed on the way, and none as the default
         if speed > 0.0 and math.isfinite(speed) and (px4 or kind in (SpeedType.AIRSPEED.value, SpeedType.GROUND.value)):

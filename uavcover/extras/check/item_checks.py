@@ -399,11 +399,10 @@ class ItemOrder:
     findings: tuple[CheckFinding, ...]  # jumps that lead nowhere or have no end
 
 
-def order_of(items: Sequence[MissionItem]) -> ItemOrder:
+def order_of(items: Sequence[MissionItem], autopilot: AutopilotName = "ardupilot") -> ItemOrder:
     """Follow the jumps of a mission.
 
-    The count of a jump is not reset when it is met again, as in ArduPilot (AP_Mission::get_next_cmd), so an inner loop runs
-    its times once.
+    ArduPilot resets the count of a jump that has run its times (AP_Mission::get_next_cmd); PX4 does not repeat an inner loop.
     """
     taken: Counter[int] = Counter()
     order: list[int] = []
@@ -412,7 +411,7 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
     def found(kind: str, weight: Weight, first: int, what: str, do: str) -> None:
         findings.append(CheckFinding(kind=kind, weight=weight, items=(first, at), what=what, do=do))
 
-    at = 1
+    at, steps = 1, 0
     while 1 <= at <= len(items):
         item, following = items[at - 1], at + 1
         if item.command not in (Command.DO_JUMP, _DO_JUMP_TAG):
@@ -440,8 +439,10 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 if taken[at] < (PATH.endless_passes if times < 0 else times):
                     taken[at] += 1
                     following = int(target)
+                elif times >= 0 and autopilot == "ardupilot":
+                    del taken[at]
         at = following
-        if len(order) >= PATH.max_steps or sum(taken.values()) >= PATH.max_steps:
+        if (steps := steps + 1) >= PATH.max_steps:
             what = f"with its jumps, the mission has more than {PATH.max_steps} items; the rest was not judged"
             found("endless", "unknown", at, what, "reduce the number of repeats of the jumps")
             break

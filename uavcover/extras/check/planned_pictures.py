@@ -29,6 +29,15 @@ class _Also(IntEnum):
     TRIGGER_CONTROL = 2003
 
 
+_CAMERA = frozenset(
+    (
+        Command.DO_SET_CAM_TRIGG_DIST, Command.IMAGE_START_CAPTURE, Command.IMAGE_STOP_CAPTURE, Command.DO_DIGICAM_CONTROL,
+        Command.DO_MOUNT_CONTROL, Command.DO_GIMBAL_MANAGER_PITCHYAW, Command.CONDITION_YAW, Command.DO_SET_ROI_LOCATION,
+        Command.DO_SET_ROI_NONE, *_Also,
+    )
+)  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPictures:
     """The n photos of a mission, in the order they are taken."""
@@ -40,6 +49,7 @@ class PlannedPictures:
     least_gap_s: float  # shortest time between two photos of a series; infinite where there is no series
     least_gap_item: int  # where that is
     notes: tuple[str, ...]  # what was not understood or does not count, as text
+    conditional: tuple[int, ...] = ()  # numbers of the camera's items that a condition delays or skips
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +115,8 @@ def planned_pictures(
         shooting.fly(segment)
     for deed in deeds:
         shooting.do(deed.item)
-    return shooting.end()
+    conditional = [deed.item for deed in path.deeds if deed.is_conditional]
+    return shooting.end(tuple(n for n in conditional if mission.items[n - 1].command in _CAMERA))
 
 
 class _Shooting:
@@ -196,7 +207,7 @@ class _Shooting:
         self._at[4] = course[-1] if nose is None else nose
         self._camera.nose_deg = None
 
-    def end(self) -> PlannedPictures:
+    def end(self, conditional: tuple[int, ...]) -> PlannedPictures:
         """All photos by time."""
         self.stop()
         rows = np.vstack([np.empty((0, _COLUMNS)), *self._taken])
@@ -204,7 +215,7 @@ class _Shooting:
         yaw = _carried(rows[::-1, 4], _NORTH)[::-1]  # before the first leg the nose is where that leg will point it
         return PlannedPictures(
             np.ascontiguousarray(rows[:, :3]), yaw, rows[:, 5].copy(), rows[:, 6].astype(np.int64), *self._least_gap,
-            tuple(self._notes),
+            tuple(self._notes), conditional,
         )  # fmt: skip
 
     # The camera.

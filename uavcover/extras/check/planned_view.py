@@ -12,6 +12,7 @@ from mission_io.model.items import Mission
 from uavcover.errors import InputError
 from uavcover.extras.check.check import Checked
 from uavcover.extras.check.findings import CheckFinding
+from uavcover.extras.check.flown_path import CONDITIONAL, DO_IT_AT_ONCE
 from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
 from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import Aircraft, World
@@ -217,6 +218,9 @@ def _findings(
         what = "no item of the mission takes a photo"
         do = "insert camera items, or specify the camera's own interval with --picture-every"
         found.append(CheckFinding(kind="pictures", weight="breaks", what=what, do=do))
+    if numbers := pictures.conditional:
+        ends = min(numbers), max(numbers)
+        found.append(CheckFinding(kind="pictures", weight="unknown", items=ends, what=CONDITIONAL, do=DO_IT_AT_ONCE))
     if query.coverage is not None and document["coverage_fraction"] < query.coverage:
         would = percent_beside(document["coverage_fraction"], query.coverage)
         what = f"{would} of the area would be covered; {100.0 * query.coverage:g} % is required"

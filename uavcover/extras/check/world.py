@@ -225,7 +225,7 @@ def local_fence(source: FenceSource | None, world: World, autopilot: AutopilotNa
     ArduPilot wants a place inside every inclusion (AC_PolyFence_loader::breached), PX4 inside any (Geofence::checkPolygons).
 
     Raises:
-        InputError: a polygon crosses itself.
+        InputError: a polygon crosses itself, or has fewer than three corners.
     """
     if source is None:
         return LocalFence()
@@ -234,7 +234,7 @@ def local_fence(source: FenceSource | None, world: World, autopilot: AutopilotNa
         parts = [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in source]
         return LocalFence(inside=tuple(_valid(part, n) for n, part in enumerate(parts)), any_inside=True)
     polygons = [
-        (_valid(shapely.Polygon(_corners(one.vertices, world)), number), one.inclusion)
+        (_valid(_polygon(one.vertices, world, number), number), one.inclusion)
         for number, one in enumerate(source.polygons)
     ]
     circles = tuple(
@@ -255,5 +255,7 @@ def _valid(polygon: shapely.Polygon, number: int) -> shapely.Polygon:
     return polygon
 
 
-def _corners(vertices: tuple[LatLon, ...], world: World) -> FloatArray:
-    return world.frame.en_from_lon_lat([(one.lon_deg, one.lat_deg) for one in vertices])
+def _polygon(vertices: tuple[LatLon, ...], world: World, number: int) -> shapely.Polygon:
+    if len(vertices) < 3:
+        raise InputError(f"--fence: polygon {number} has {len(vertices)} of the at least 3 corners; draw it again")
+    return shapely.Polygon(world.frame.en_from_lon_lat([(one.lon_deg, one.lat_deg) for one in vertices]))
