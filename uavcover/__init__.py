@@ -1,6 +1,6 @@
-"""Plan UAV flights that see all of a rugged terrain, fly them, and prove what was seen.
+"""Plan UAV flights that cover rugged terrain, fly them, and verify the coverage.
 
-The whole chain, on a run folder that every ``uavcover`` command understands too::
+The whole chain, on a run folder that every ``uavcover`` command reads, too::
 
     import uavcover as uc
 
@@ -13,11 +13,11 @@ The whole chain, on a run folder that every ``uavcover`` command understands too
     gaps = uc.find_gaps("RUN")
     uc.write_report("RUN")
 
-Each function does what the command of its name does, with the same checks, on the same run folder: a run begun here is finished
-by a command, and the other way round. See docs/reference/python_api.md.
+Each function does the same as the command of its name, with the same checks and the same run folder, so you can mix both. See
+docs/reference/python_api.md.
 
-What stands in ``__all__`` is public; everything else may change. Names and stages are loaded when they are first used: planning
-loads no mock vehicle and no recording.
+The names in ``__all__`` are public; everything else may change. Names and stages are loaded on first use: planning loads no mock
+vehicle and no recording.
 """
 
 import sys
@@ -69,7 +69,7 @@ __all__ = [
 ]
 
 BEGUN_S = time.monotonic()
-"""When this process began: the time budget of a command counts from here."""
+"""Start of this process, from which the time budget of a command counts."""
 
 _PLACES = {
     "uavcover.errors": ("InfeasibleError", "InputError", "UavcoverError", "VehicleError"),
@@ -84,7 +84,7 @@ _PLACES = {
 
 
 def __getattr__(name: str) -> Any:
-    """The public names, each loaded with what it needs when it is first used."""
+    """The public names, each loaded on first use."""
     for module, names in _PLACES.items():
         if name in names:
             value = getattr(import_module(module), name)
@@ -122,15 +122,15 @@ def plan(
         seed: of every random number. Default: the scenario's.
         algorithm: a name, ``module:Class``, or a class with ``ask`` and ``tell``. Default: the scenario's.
         select: the rule by which one route of the Pareto set is chosen. Default: the scenario's.
-        force: whether a plan that is there may be replaced, with all that belongs to it.
+        force: whether to replace an existing plan with all its files.
         user: receives messages, and may stop the search.
 
     Returns:
-        The Pareto set and the chosen route; ``rule_met`` says whether the rule could be met.
+        The Pareto set and the chosen route; ``rule_met`` states whether the rule was met.
 
     Raises:
         InfeasibleError: no route keeps the limits, or the chosen one has no checked mission.
-        OutputError: the folder holds a plan already.
+        OutputError: the folder already contains a plan.
     """
     from uavcover.planner.command import PlanRequest, plan_into
 
@@ -147,7 +147,7 @@ def select(run: str | Path, rule: str, *, force: bool = False) -> "Plan":
     Args:
         run: the run folder.
         rule: see :mod:`uavcover.planner.selection_rule`.
-        force: also when the route before was flown; it is kept in a folder of its own.
+        force: even if the previous route was flown; it is kept in its own folder.
     """
     from uavcover.planner.command import choose
     from uavcover.run.documents import read_planned
@@ -167,11 +167,11 @@ def compile_mission(
 
     Args:
         site: the scenario on its ground.
-        route: a route, or a plan whose chosen route is meant.
-        autopilot: whose dialect. Default: the scenario's.
+        route: a route, or a plan, whose chosen route is compiled.
+        autopilot: the autopilot. Default: the scenario's.
 
     Raises:
-        InfeasibleError: a leg, the way there or the way home breaks a hard limit; says which one, where and by how much.
+        InfeasibleError: a leg or a transit exceeds a hard limit; names it, the position and the excess.
     """
     from uavcover.missions.mission_compiler import compile_mission
     from uavcover.model.route import Plan
@@ -183,11 +183,11 @@ def upload(vehicle: "Connected", run: str | Path, *, in_flight: bool = False, us
     """Upload the mission, fence and rally points of a run, read each back and compare; writes ``upload.json``.
 
     Returns:
-        Whether what the vehicle holds is what was meant.
+        Whether the vehicle holds the intended lists.
 
     Raises:
-        VehicleError: the vehicle is not a multirotor, or does not stand where the plan starts; nothing was sent.
-        mission_io.MissionIoError: the vehicle refused or fell silent; says what it holds now.
+        VehicleError: the vehicle is not a multirotor, or not at the planned home; nothing was sent.
+        mission_io.MissionIoError: the vehicle refused or fell silent; states what it holds now.
     """
     from uavcover.flight.compiled_flight import send_and_compare
     from uavcover.run.documents import read_planned
@@ -208,16 +208,16 @@ def fly(
     Args:
         vehicle: connected, on the ground.
         run: the run folder whose mission it holds.
-        options: ``confirmed=True`` arms a vehicle that is not simulated.
-        user: receives messages, and may stop or pause the flight. Without one, Ctrl-C leaves the vehicle as it is, maybe
-            in the air.
+        options: ``confirmed=True`` arms a real vehicle.
+        user: receives messages, and may stop or pause the flight. Without one, Ctrl-C leaves the vehicle as it is, possibly in
+            the air.
 
     Returns:
-        The flown track, as ``track.csv`` has it.
+        The flown track, as in ``track.csv``.
 
     Raises:
-        FlightFailedError: the flight did not end as it should; the run folder has what was recorded.
-        OutputError: the folder holds a flight already; ``force=True`` replaces it.
+        FlightFailedError: the flight did not end as planned; the run folder contains the record.
+        OutputError: the folder already contains a flight; ``force=True`` replaces it.
     """
     from uavcover.flight.command import USUAL_FLIGHT, fly_connected, refuse_older_flight
     from uavcover.run.documents import read_planned
@@ -241,7 +241,7 @@ def verify(
     Args:
         run: the run folder.
         logs: ``.csv``, ``.rrd``, ``.bin``, ``.tlog``, ``.ulg`` or ``.gpx``. Default: the run's tracks.
-        accepted: which changes since planning or flight are accepted: "scenario", "terrain", ...
+        accepted: accepted changes since planning or flight: "scenario", "terrain", ...
         user: receives messages.
 
     Raises:
@@ -254,12 +254,12 @@ def verify(
 
 
 def verify_track(site: "Site", track: "Track", plan: "Plan | None" = None) -> "Verdict":
-    """Judge a track in memory; nothing is written, and nothing tells whether it is the track that was recorded.
+    """Judge a track in memory; nothing is written, and nothing proves that it is the recorded track.
 
     Args:
         site: the scenario on its ground.
-        track: what was flown.
-        plan: what was planned, for the deviation and the planned coverage.
+        track: the flown track.
+        plan: its plan, for the deviation and the planned coverage.
     """
     from uavcover.sensing.site_maps import judging_map
     from uavcover.verification.flown_route import PlannedRoute
@@ -283,12 +283,12 @@ def find_gaps(
     Args:
         run: the run folder of a flight.
         target: fraction of the visible ground that is enough, 0..1. Default: everything.
-        min_area_m2: smaller gaps stay open.
-        force: whether an older gap mission, and its flight, may be replaced.
+        min_area_m2: smaller gaps remain open.
+        force: whether to replace an older gap mission and its flight.
         user: receives messages.
 
     Returns:
-        The mission, whose own run folder is ``gaps`` inside the run's; None when there is nothing to close.
+        The mission, with its own run folder ``gaps`` inside the run's; None without gaps to close.
     """
     from uavcover.planner.close_gaps import GapRequest, close_gaps
     from uavcover.run.folder import RunFolder

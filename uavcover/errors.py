@@ -1,18 +1,18 @@
-"""The errors of uavcover. Each is one line that says what is wrong, where, and what to do about it."""
+"""The errors of uavcover. Each is one line with the problem, its place and the remedy."""
 
 from typing import Any, Final
 
 INTERRUPTED: Final = 130
-"""What the command line ends with when the user interrupted it."""
+"""Exit code of a command that the user interrupted."""
 
 
 class UavcoverError(Exception):
-    """Root of every error that uavcover raises on purpose; ``exit_code`` is what the command line ends with."""
+    """Root of every error that uavcover raises on purpose; ``exit_code`` is that of the command line."""
 
     exit_code = 1
 
     def details(self) -> dict[str, Any]:
-        """What a program may want to know beside the line; goes into the object under ``--json``."""
+        """Additional data for programs, in the object of ``--json``."""
         return {}
 
 
@@ -27,11 +27,11 @@ class ScenarioError(InputError):
 
 
 class TerrainError(InputError):
-    """Elevation data that cannot be used for what is asked of it."""
+    """Elevation data that cannot be used for its purpose."""
 
 
 class NoElevationError(TerrainError):
-    """Elevation data without a height at a position; ``extent`` says in words how far the data extends."""
+    """Elevation data without a height at a position; ``extent`` describes the data's extent."""
 
     def __init__(self, message: str, *, extent: str) -> None:
         self.extent = extent
@@ -47,7 +47,7 @@ class TrackError(InputError):
 
 
 class OutputError(InputError):
-    """A place that cannot be written to, or a file that would be overwritten."""
+    """A path that cannot be written, or a file that would be overwritten."""
 
 
 class OptimizerError(UavcoverError):
@@ -69,4 +69,4 @@ class InfeasibleError(UavcoverError):
 
 
 class StageOver(BaseException):
-    """A stage has gone on for too long after its time, or after a request to stop; no error, so that no handler takes it."""
+    """A stage exceeds its time, or continues after a request to stop; not an error, so that no handler takes it."""

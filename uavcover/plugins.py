@@ -1,4 +1,4 @@
-"""Extension points: what extras and packages of third parties add through entry points of ``pyproject.toml``."""
+"""Extension points: entry points of ``pyproject.toml`` through which extras and third-party packages add features."""
 
 import logging
 from collections.abc import Mapping
@@ -29,13 +29,13 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "uavcover.zone_readers": "formats of no-fly zones (uavcover.scenario.airspace.zone_file.ZoneReader)",
     }
 )
-"""The extension points, and what an entry of each is."""
+"""The extension points, and the kind of their entries."""
 _OWN = "uavcover"
 
 
 @cache
 def registered(group: str) -> Mapping[str, metadata.EntryPoint]:
-    """The entry points of a group by name; uavcover's own names cannot be taken by another package."""
+    """The entry points of a group by name; another package cannot take uavcover's own names."""
     found = sorted(metadata.entry_points(group=group), key=lambda entry: (package_of(entry) != _OWN, entry.name))
     named: dict[str, metadata.EntryPoint] = {}
     for entry in found:

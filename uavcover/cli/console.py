@@ -27,7 +27,7 @@ _STATUS_EVERY_S, _LINE_EVERY_S, _EVENT_EVERY_S, _DRAWN_EVERY_S = 30.0, 60.0, 0.2
 
 
 class Console:
-    """Where a command writes to.
+    """The output of a command.
 
     Args:
         as_json: one JSON object on stdout at the end, and no other line there.
@@ -64,7 +64,7 @@ class Console:
         self._write(sys.stderr, f"warning: {line}")
 
     def agrees(self, question: str) -> bool:
-        """Ask on the terminal; no where there is none."""
+        """Ask on the terminal; False without one."""
         if self.as_json or not sys.stdin.isatty():
             return False
         self._write(sys.stderr, f"{question} [y/N]")
@@ -435,7 +435,7 @@ class _PlainFormatter(logging.Formatter):
 
 
 def stop_signals() -> list[signal.Signals]:
-    """The signals that ask to stop: Ctrl-C, SIGTERM, and SIGHUP unless it is ignored (nohup)."""
+    """The signals that request a stop: Ctrl-C, SIGTERM, and SIGHUP unless it is ignored (nohup)."""
     numbers = [signal.SIGINT, signal.SIGTERM]
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)

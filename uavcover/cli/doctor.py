@@ -1,4 +1,4 @@
-"""``uavcover doctor``: what is installed, what works, what the optional parts would need."""
+"""``uavcover doctor``: installed packages, their function, and the requirements of optional parts."""
 
 import contextlib
 import importlib
@@ -35,7 +35,7 @@ _REINSTALL = "reinstall the package from its clone: pip install -e ."
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """One thing that was looked at."""
+    """Result of one check."""
 
     name: str  # what
     ok: bool  # whether it is there and works
@@ -44,7 +44,7 @@ class Diagnosis:
 
 
 def examine(*, try_imports: bool) -> list[Diagnosis]:
-    """Look at everything."""
+    """Run all checks."""
     return [*_basics(), *_packages(try_imports), *_data(), *_extensions(), *_optional()]
 
 
@@ -182,7 +182,7 @@ def compile_kernels(user: User) -> float:
     Args:
         user: receives a message at the start of each round.
     """
-    # Not at the top: doctor has to say what is missing when the numeric packages do not load.
+    # Not at the top, because doctor must report missing packages if the numeric ones do not load.
     from uavcover.missions.flights import compile_flights
     from uavcover.planner.gap_route import plan_closing_route
     from uavcover.planner.plan_files import bounds

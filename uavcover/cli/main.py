@@ -25,7 +25,7 @@ from uavcover.run.folder import json_line
 # Commands that are loaded when they are requested: the overview of all of them loads none.
 
 Entry = tuple[str, str, tuple[str, ...]]
-"""The module that has the command under its name, what the overview says of it, and examples for its help text."""
+"""The module with the command under its name, its line in the overview, and examples for its help text."""
 Groups = Mapping[str, Mapping[str, Entry]]
 """Entries by the group and the name of their commands."""
 
@@ -208,7 +208,7 @@ _CORE: dict[str, dict[str, Entry]] = {
 
 
 def _with_extras(core: Groups) -> Groups:
-    """The commands of the core with those of every installed extra; a name of the core cannot be taken."""
+    """The commands of the core and of every installed extra; an extra cannot take a name of the core."""
     groups = {title: dict(entries) for title, entries in core.items()}
     own = {name for entries in core.values() for name in entries}
     for added in loaded("uavcover.commands").values():

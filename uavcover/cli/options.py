@@ -193,9 +193,8 @@ OnBreachAction = Annotated[
 def one_by_one(command: Callable[..., int]) -> Callable[..., int]:
     """A command as typer wants it, with one parameter for each option.
 
-    Our commands take options that belong together as one dataclass, such as :class:`Output`. In the command that is returned
-    each field of such a dataclass is a parameter of its own, in the same place; when it is called, the dataclass is made
-    from them.
+    Our commands take options that belong together as one dataclass, such as :class:`Output`. In the command that is returned each
+    field of such a dataclass is a parameter of its own, in the same place; when it is called, the dataclass is made from them.
     """
     groups: dict[str, type] = {}
     parameters: list[inspect.Parameter] = []
@@ -307,7 +306,7 @@ class EachVehicleOptions(LinkOptions):
 
 @dataclass(frozen=True, slots=True)
 class TransferOptions(VehicleOptions):
-    """Which vehicle a mission is sent to or comes from, by which client, over what kind of link."""
+    """The vehicle of a transfer, the client, and the kind of link."""
 
     client: ClientKind = "native"
     link: LinkKind = "default"

@@ -277,7 +277,7 @@ def _sent_as_file(
 
 @dataclass(frozen=True, slots=True)
 class EachTransfer(options.EachVehicleOptions):
-    """Which vehicles the missions are sent to, by which client, over what kind of link."""
+    """The vehicles of a transfer, the client, and the kind of link."""
 
     client: options.ClientKind = "native"
     link: options.LinkKind = "default"

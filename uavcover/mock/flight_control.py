@@ -37,7 +37,7 @@ _FENCE = {True: "PreArm: Vehicle breaching {} fence", False: "Preflight Fail: Ge
 
 
 class FlightControl:
-    """Carries out what commands, failsafes and faults ask of a vehicle.
+    """Carries out the requests of commands, failsafes and faults.
 
     Attributes:
         state: the vehicle's state.
@@ -201,7 +201,7 @@ class FlightControl:
         self.set_mode(mode)
 
     def end_delay(self) -> None:
-        """Do what a failsafe has delayed, once it is due."""
+        """Carry out the delayed action of a failsafe when it is due."""
         if self._delayed is None:
             return
         mode, due_s = self._delayed

@@ -65,13 +65,13 @@ class CameraOrder:
 class Step:
     """One step."""
 
-    seq: int | None  # the mission item it belongs to; None for what a mode does
+    seq: int | None  # its mission item; None for a step of a mode
     kind: StepKind  # what to do
     speeds: Speeds  # how fast
     point_m: Vector | None = None  # where to; None for here
     radius_m: float = FLIGHT.settled_m  # acceptance radius
     wait_s: float = 0.0  # how long to wait
-    camera: tuple[CameraOrder, ...] = ()  # what the camera has to do once the step is done
+    camera: tuple[CameraOrder, ...] = ()  # camera actions after the step
 
 
 def mission_steps(

@@ -29,9 +29,9 @@ _log = logging.getLogger(__name__)
 class MockPeer(Generic[PlaceT]):
     """A mock vehicle behind datagrams; a ``Place`` is the address of a ground station.
 
-    Answers go to the ground station they are for, everything else to all that have spoken. Messages that are ready at
-    the same time share a datagram, or a vehicle at a hundred times real time would swamp its listeners' buffers. While the
-    vehicle is cut off, no datagram comes in or goes out, those of the pacing included.
+    Answers go to their ground station, everything else to all known stations. Messages that are ready at the same time share a
+    datagram, or a vehicle at a hundred times real time would swamp its listeners' buffers. While the vehicle is cut off, no
+    datagram comes in or goes out, those of the pacing included.
 
     Args:
         vehicle: the vehicle.

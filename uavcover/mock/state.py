@@ -1,7 +1,7 @@
-"""The state of the mock vehicle: what is true of it now, and the messages that it has to send.
+"""The state of the mock vehicle: its true state, and its pending messages.
 
 Everything else in this package reads and changes this state: ``telemetry`` reports it, ``reactions`` and ``vehicle`` change it
-through ``flight_control``, and ``vehicle`` lets time pass.
+through ``flight_control``, and ``vehicle`` advances the time.
 """
 
 import math
@@ -122,7 +122,7 @@ class MockConfig:
     wind: WindModel = field(default_factory=WindModel)  # the wind that it flies in
     gps: GpsError = field(default_factory=GpsError)  # error of its positions
     battery: BatteryData = field(default_factory=BatteryData)  # its battery
-    behaviour: Behaviour = field(default_factory=quick)  # how it starts up and what it sends unasked
+    behaviour: Behaviour = field(default_factory=quick)  # its start-up and its unrequested messages
     faults: Sequence[Fault] = ()  # what goes wrong
     speed: float = 1.0  # vehicle seconds per second on the link's clock
     system_id: int = 1  # its MAVLink system id; its component id is 1
@@ -285,7 +285,7 @@ class MockState:
         return math.atan2(sign * (home_x - x), sign * (home_y - y))
 
     def send(self, message: m.Message) -> None:
-        """Queue a message, unless a fault keeps it from being heard."""
+        """Queue a message, unless a fault prevents its reception."""
         silenced = isinstance(message, m.Heartbeat) and self.faults.is_going_on(FaultKind.HEARTBEAT_LOSS)
         if not (silenced or self.cut_off):
             self._waiting.append(message)

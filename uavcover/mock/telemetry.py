@@ -283,7 +283,7 @@ class Pacing(Generic[PlaceT]):
         self._read_s[place] = max(self._read_s.get(place, 0.0), answer.asked_ns / 1e9)
 
     def forget(self) -> None:
-        """Wait for no ground station until it answers again: none can hear the vehicle, or be heard."""
+        """Treat all ground stations as unreachable until they answer again."""
         self._read_s.clear()
         self._waits_since = None
 

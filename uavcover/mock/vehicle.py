@@ -106,7 +106,7 @@ def _upload(control: FlightControl, items: tuple[MissionItem, ...]) -> None:
 
 
 def _fail_motors(control: FlightControl, _: Fault) -> None:
-    """Motors give no thrust; the autopilot notices nothing but what it is commanded in vain."""
+    """Motors give no thrust; the autopilot notices only that its commands have no effect."""
     control.state.body.motors_failed = control.state.flying
     if control.state.is_ardupilot:
         control.state.say(Severity.EMERGENCY, "Potential Thrust Loss (1)")

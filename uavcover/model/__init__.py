@@ -1,4 +1,4 @@
-"""Frozen dataclasses that pass between the stages. No behaviour beyond their own rules, no third-party package but numpy.
+"""Frozen dataclasses that pass between the stages. They check only themselves and need only numpy.
 
 Begin with ``scenario.py``, ``route.py``, ``track.py``, ``verdict.py``.
 """

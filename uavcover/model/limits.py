@@ -65,7 +65,7 @@ def _moment(unix_s: float) -> datetime:
 
 
 def window_in_words(window: Window) -> str:
-    """Both ends, to the minute; the day of the last only where it is another one."""
+    """Both ends, to the minute; the last one with its day only if that differs."""
     begin, end = window
     last = f"{end:%H:%M}" if begin.date() == end.date() else f"{end:%Y-%m-%d %H:%M}"
     return f"{begin:%Y-%m-%d %H:%M} to {last} UTC"
@@ -288,7 +288,7 @@ class FlightLimits:
 
     @property
     def fence_rings_lon_lat_deg(self) -> list[Ring]:
-        """The rings of a fence in degrees; none of another one."""
+        """The rings of a fence in degrees; empty for another fence."""
         ring = self.fence_lon_lat_deg
         return [ring] if ring is not None else list(self.fence_polygons_lon_lat_deg or ())
 

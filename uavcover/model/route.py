@@ -45,8 +45,8 @@ class Route:
 
     Attributes:
         waypoints_m: (n, 3) east, north, up in metres, read-only.
-        begins: numbers of waypoints at which the route of another part of the area begins, by other vehicles; no vehicle flies
-            the leg to them. Only the routes of fleets whose vehicles have parts of their own have any.
+        begins: numbers of waypoints at which other vehicles begin the route of another part of the area; no vehicle flies the leg
+            to them. Only for fleets whose vehicles have their own parts.
     """
 
     waypoints_m: FloatArray
@@ -106,7 +106,7 @@ class RouteMember:
     metrics: RouteMetrics  # its metrics on the cells of the area
     violation: float  # total violation of the hard limits, 0 for a feasible route
     origin: str  # the algorithm or baseline that made it; for a part of a route, PART_OF and the origin of the whole
-    # what its mission comes to; None where it cannot be flown, or was not cut into flights
+    # size of its mission; None if it cannot be flown, or was not split into flights
     mission: MissionSize | None = None
 
     @property
@@ -129,8 +129,8 @@ class Plan:
         evaluations: full route evaluations spent.
         wall_s: time spent.
         interrupted: whether the search was ended early by the user.
-        by_vehicles: what the mission of the chosen route comes to with fewer vehicles, and with all.
-        folder: the run folder that it was written to; empty where it was not.
+        by_vehicles: size of the chosen route's mission with fewer vehicles, and with all.
+        folder: its run folder; empty if it was not written.
     """
 
     chosen: RouteMember
@@ -168,16 +168,16 @@ class Bound:
     question: Question
     asked: float  # the coverage as a fraction of the coverable area, 0..1, or the number of waypoints
     limit: float  # the proved lower bound; for "most_coverage" an upper bound
-    found: float | None  # the best of the plan's routes, None when no route achieves what was asked
+    found: float | None  # the best of the plan's routes; None if no route meets the requirement
     proved_on: str  # the positions considered: a route through others may beat a bound that was proved on a lattice
-    method: str  # how it was proved
+    method: str  # method of the proof
     # what the limit's share is a fraction of: "cells", which are seen where one place in each is, as ``found`` is counted; or
     # "ground", all of it between those places too
     counted: Literal["cells", "ground"] = "cells"
 
     @property
     def gap(self) -> float | None:
-        """Relative gap between the best found and the bound; negative where other positions beat it."""
+        """Relative gap between the best result and the bound; negative if other positions beat it."""
         if self.found is None:
             return None
         if self.question == "most_coverage":

@@ -221,7 +221,7 @@ class Scenario:
     home: Home | None = None  # take-off and landing; needed for mission files
     planner: PlannerSettings = field(default_factory=PlannerSettings)  # settings of the route search
     select: str = "weighted:0.6,0.2,0.2"  # the rule that selects one route of the Pareto set
-    requirements: Requirements = field(default_factory=Requirements)  # what the flown track must reach
+    requirements: Requirements = field(default_factory=Requirements)  # requirements on the flown track
     uncertainty: Uncertainty = field(default_factory=Uncertainty)  # errors of positions, ground and attitude
     obstacles: Obstacles = field(default_factory=Obstacles)  # obstacles on the ground
     no_fly: tuple[NoFly, ...] = ()  # zones that the vehicle must not enter on any part of the flight
@@ -229,8 +229,8 @@ class Scenario:
     # inactive in this window do not count. Without a window, every zone counts.
     flight_window_utc: tuple[str, str] | None = None
     wind: Wind = field(default_factory=Wind)  # the wind the flight is planned for
-    fleet: Fleet = field(default_factory=Fleet)  # how many vehicles fly the plan, and what keeps them apart
-    # those of [[vehicle]] given several times, where they differ; None where all are identical
+    fleet: Fleet = field(default_factory=Fleet)  # number of vehicles, and their separation
+    # the [[vehicle]] tables of different vehicles; empty if all are identical
     vehicles: tuple[Vehicle, ...] = ()
     description: str = ""  # one-line description
 
@@ -308,12 +308,12 @@ class Scenario:
 
     @property
     def has_launch_points(self) -> bool:
-        """Whether its vehicles are one that takes off from several places: one at a time, alike but for their homes."""
+        """Whether its vehicles are a single one with several take-off positions, flown one at a time."""
         own = {dataclasses.replace(vehicle, home=None) for vehicle in self.vehicles}
         return self.fleet.one_at_a_time and len(own) == 1
 
     def _require_fits(self, sensor: Sensor, key: str) -> None:
-        """Refuse a sensor that does not go with limits, cells and what is required."""
+        """Refuse a sensor that does not suit the limits, cells and requirements."""
         reach_m, range_m = sensor.reach_m, sensor.slant_range_m
         require(
             range_m is None or range_m > self.limits.min_height_agl_m,
@@ -364,5 +364,5 @@ class Scenario:
 
     @property
     def planning_cell_size_m(self) -> float:
-        """Cell size of the search: coarser than that on which the result is judged."""
+        """Cell size of the search: coarser than that of the evaluation grid."""
         return self.planner.cell_size_m if self.planner.cell_size_m is not None else 2.0 * self.area.cell_size_m

@@ -17,7 +17,7 @@ _LINE_OF_SIGHT = {"ray": RAY, "midpoint": MIDPOINT}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SphereSensor(SensorBase):
-    """A sensor that sees every cell centre within ``range_m`` in three dimensions and in line of sight (the paper's)."""
+    """A sensor that observes every cell centre within ``range_m`` in three dimensions and in line of sight (the paper's)."""
 
     __pydantic_config__: ClassVar = STRICT
 

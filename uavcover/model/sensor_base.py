@@ -58,10 +58,10 @@ def rays_to(offsets: Iterable[FloatArray], axis: FloatArray, top: FloatArray) ->
 
 
 class SensorBase(ABC):
-    """A sensor. What is not stated otherwise here is that of one that has no camera's axis.
+    """A sensor. The defaults here are those of a sensor without a camera axis.
 
-    A package of a third party derives its sensor from one in ``model/sensor.py``, by which routes are planned, and overrides
-    :meth:`in_view`: by that, coverage is judged.
+    A third-party package derives its sensor from one in ``model/sensor.py``, which is used to plan routes, and overrides
+    :meth:`in_view`, which is used to compute the coverage.
     """
 
     __slots__ = ()
@@ -78,7 +78,7 @@ class SensorBase(ABC):
     @property
     @abstractmethod
     def sight(self) -> Sight:
-        """Its view as the kernels take it: the one place that translates a sensor for them."""
+        """Its view for the kernels; only this property translates a sensor for them."""
 
     @abstractmethod
     def half_width_m(self, height_agl_m: float) -> float:
@@ -96,16 +96,16 @@ class SensorBase(ABC):
         """
 
     def surely_in_view(self, rays: Rays, *, offset_m: float, turn_rad: float) -> BoolArray:  # noqa: ARG002
-        """Whether places are in view from everywhere within an offset and with every turn: of a view of its own, none."""
+        """Whether positions are in view from everywhere within an offset, at every turn; with its own view, none."""
         return np.zeros(rays.depth.shape, dtype=bool)
 
     def possibly_in_view(self, rays: Rays, *, offset_m: float, turn_rad: float) -> BoolArray:  # noqa: ARG002
-        """Whether places may be in view from somewhere within an offset or with some turn: of a view of its own, all."""
+        """Whether positions may be in view from somewhere within an offset, at some turn; with its own view, all."""
         return np.ones(rays.depth.shape, dtype=bool)
 
     @property
     def has_own_view(self) -> bool:
-        """Whether its view is its own method, and not one that the kernels compute from :attr:`sight`."""
+        """Whether its view is its own method instead of one that the kernels compute from :attr:`sight`."""
         return getattr(type(self).in_view, _COMPILED, None) is None
 
     @property
@@ -167,7 +167,7 @@ class SensorBase(ABC):
         return None
 
     def camera_turn(self, attitude_deg: FloatArray, courses_deg: FloatArray | None = None) -> CameraTurn:
-        """Directions of its axis for the attitudes of its vehicle; straight down, and known, without a camera.
+        """Directions of its axis for the attitudes of its vehicle; straight down and known without a camera.
 
         A fixed camera shares the vehicle's roll, pitch and yaw. A stabilised one is level; the top of its photo keeps its
         heading, or follows the vehicle's yaw.
@@ -211,7 +211,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 def in_kernels(method: Method) -> Method:
-    """Mark a method that says the same as the compiled kernels."""
+    """Mark a method that the compiled kernels also implement."""
     setattr(method, _COMPILED, True)
     return method
 

@@ -221,7 +221,7 @@ class Ending(Enum):
 
     @property
     def good(self) -> bool:
-        """Whether the flight went as it was planned, or as the user wished."""
+        """Whether the flight went as planned or as the user wished."""
         return self in (Ending.LANDED, Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN, Ending.RESERVE_KEPT)
 
 
@@ -229,11 +229,11 @@ class Ending(Enum):
 class Incident:
     """Something that went wrong in flight."""
 
-    kind: Ending  # what, by the name of the ending that it leads to when it lasts
+    kind: Ending  # the ending that it leads to if it lasts
     text: str  # the event's text
     begin_s: float | None  # vehicle time; None before the vehicle sent its time
     end_s: float | None = None  # when it was over; None when it lasted to the end
-    evidence: tuple[str, ...] = ()  # what it is concluded from, each with its time
+    evidence: tuple[str, ...] = ()  # the evidence, each with its time
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,12 +241,12 @@ class FlightOutcome:
     """Outcome of a flight."""
 
     ending: Ending  # how
-    waypoints_reached: int  # how many planned waypoints were reached, one after the other
-    sample_count: int  # how many samples were recorded
+    waypoints_reached: int  # number of planned waypoints that were reached in order
+    sample_count: int  # number of recorded samples
     duration_s: float  # vehicle time from the first sample to the last
-    simulated_by: str | None  # what simulates the vehicle; None for one that may be real
-    incidents: tuple[Incident, ...] = ()  # what went wrong, also what was ridden out
-    vehicle_now: str = ""  # what the vehicle did when it was heard last, as text
+    simulated_by: str | None  # the vehicle's simulator; None for one that may be real
+    incidents: tuple[Incident, ...] = ()  # all incidents, also those without consequence
+    vehicle_now: str = ""  # last known action of the vehicle, as text
     # the table of what the plan counts on and what the vehicle was set to; empty for a flight that had none
     limits: tuple[dict[str, Any], ...] = ()
 
@@ -277,10 +277,10 @@ class FlightFaultError(VehicleError):
 
 
 class FlightFailedError(VehicleError):
-    """A flight that did not end as it should.
+    """A flight that did not end as planned.
 
     Attributes:
-        outcome: how it ended.
+        outcome: of the flight.
     """
 
     def __init__(self, text: str, outcome: FlightOutcome) -> None:

@@ -179,7 +179,7 @@ def _keeps_overlap(site: Site, view: View) -> bool:
 
 
 def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
-    """Tell what was derived; the same as a document."""
+    """Print the derived survey; return it as a document."""
     design, site = scenario.design, scenario.site
     drawn_ha = scenario.look.area_m2 / 1e4
     user.say(
@@ -213,7 +213,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
 
 
 def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
-    """Tell photos, time and batteries of plain parallel lines, which the search beats; the same as a document."""
+    """Print photos, time and batteries of plain parallel lines, which the search improves; return them as a document."""
     site, vehicle = scenario.site, scenario.site.scenario.vehicle
     route, lines = _plain_route(site, scenario.view)
     length_m = float(path_lengths_m(route.waypoints_m)[-1])

@@ -136,7 +136,7 @@ def _said(source: TerrainSource) -> list[str]:
 
 
 def _asked(source: TerrainSource, question: Callable[[Any], Answer], *, otherwise: Answer) -> Answer:
-    """Answer of the open raster; where it cannot be opened its own error tells more, elsewhere."""
+    """Answer of the open raster; if it cannot be opened, its own error follows elsewhere."""
     try:
         with source.opened() as dataset:
             return question(dataset)
@@ -197,7 +197,7 @@ def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, 
 def surface_asked_for(
     request: NewRequest, area: FoundArea, dem: TerrainSource, look: TerrainLook, datum: str
 ) -> SurfaceLook | None:
-    """A look at the surface model, where one was given."""
+    """The examined surface model, if one was given."""
     if not request.dsm:
         return None
     source = TerrainSource(
@@ -227,7 +227,7 @@ def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:
 
 
 def over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSource:
-    """Gaps in holes of the area are never looked at but crossed: they are interpolated without being asked for."""
+    """Gaps in holes of the area are only crossed, so they are interpolated without a question."""
     if look.gap_m == 0.0 or dem.fill_no_data_m >= look.gap_m:
         return dem
     user.warn(
@@ -250,11 +250,11 @@ def inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, use
 
 
 def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -> None:
-    """Ask whether elevation data that calls itself a surface is meant as the ground.
+    """Ask whether elevation data that looks like a surface model is meant as the ground.
 
     Args:
         dem: given as the ground.
-        user: is asked.
+        user: answers.
         beside_surface: whether a surface model was given too.
     """
     why = surface_in_words(dem)
@@ -272,7 +272,7 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
 
 
 def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None:
-    """Ask whether heights are heights, and in metres, where the data says otherwise; tell which of several bands is taken."""
+    """Ask whether heights are plausible and in metres if the data suggests otherwise; report the selected band."""
     if (why := feet_in_words(source)) is not None:
         user.warn(f"{option}: the heights may be in feet ({why}); they are read as metres; set --height-unit ft or m")
     if (why := shading_in_words(source)) is not None:

@@ -38,14 +38,14 @@ class TerrainLook:
 def look_at_terrain(
     file: TerrainSource, parts: tuple[Rings, ...], *, where: str, around_m: float, datum: str | None
 ) -> TerrainLook:
-    """Look at the ground of an area.
+    """Examine the ground of an area.
 
     Args:
         file: the elevation data.
         parts: the area, rings of (longitude, latitude).
         where: names the area in errors.
-        around_m: how far around it the ground matters.
-        datum: vertical datum of the file; None: what it says, or may have.
+        around_m: distance around it within which the ground matters.
+        datum: vertical datum of the file; None: the stated or assumed one.
 
     Raises:
         TerrainError: the file cannot be used.
@@ -222,7 +222,7 @@ def _require_ground(
     frame: LocalFrame,
     area: shapely.MultiPolygon,
 ) -> None:
-    """Refuse an area off the elevation data; tell swapped axes from a wrong file."""
+    """Refuse an area outside the elevation data; distinguish swapped axes from a wrong file."""
     places = shapely.get_coordinates(area.convex_hull)
     known = np.isfinite(_heights(file, datum, frame, places))
     if known.all():

@@ -12,7 +12,7 @@ from uavcover.kernels.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class ChartSize:
-    """The size of a picture in its own units, about pixels, and the margins around what is drawn."""
+    """Size of a chart in its own units, approximately pixels, and the margins around the plot."""
 
     name: str  # style class; the style sheet shows the frame that fits the screen
     width: float  # of the picture

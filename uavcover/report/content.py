@@ -54,7 +54,7 @@ FIGURES = data_table(_Figures, "uavcover/data/report.toml", "figures")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """A flown track with what the report shows of it."""
+    """A flown track with its values for the report."""
 
     name: str  # name of the track's file, with its path inside the run folder
     track: Track  # the flown track
@@ -109,7 +109,7 @@ def read_run(
         run: a run folder with a plan.
         logs: the flown tracks, as ``verify`` takes them; empty: the run's own track, where there is one.
         notices: notices about the files for the first screen.
-        judged: whether flights are read at all; else the plan alone.
+        judged: whether flights are read; otherwise only the plan.
 
     Raises:
         InputError: a file is missing or broken.

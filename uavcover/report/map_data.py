@@ -113,7 +113,7 @@ def _track(flight: Flight, number: int) -> dict[str, Any]:
 
 
 def _pictures(content: ReportContent) -> dict[str, Any]:
-    """Positions of single photos, planned and flown; empty for a sensor that takes none."""
+    """Positions of single photos, planned and flown; empty for a sensor without photos."""
     planned, verdict = content.planned_view, content.verdict
     flown = None if verdict is None or verdict.pictures is None else verdict.observations
     return {
@@ -307,7 +307,7 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
 def picture_layers(
     coverage: CoverageMap, counts: PictureCounts | None, which: str, asked: int | None
 ) -> list[CellLayer | None]:
-    """Pictures per point against the overlap asked for, and the best ground sample distance."""
+    """Photos per point compared with the required overlap, and the best ground sample distance."""
     if counts is None:
         return []
     pictures = counts.pictures

@@ -1,4 +1,4 @@
-"""The report of a run, as ``report`` and ``demo`` write it: one HTML file that needs no network."""
+"""The report of a run, as ``report`` and ``demo`` write it: one HTML file that opens offline."""
 
 import base64
 import hashlib
@@ -76,7 +76,7 @@ def hash_source(text: str) -> str:
 
 
 def rendered_page(template: Path, *, own_script: str, data: dict[str, Any], facts: dict[str, Any]) -> str:
-    """A page with a map, one file that needs no network.
+    """A page with a map in one file that opens offline.
 
     Content from files is escaped and has no control characters; only our own scripts may run, by their hashes.
 

@@ -133,7 +133,7 @@ def pareto_front(content: ReportContent) -> tuple[Chart, ...]:
 
 
 def choice_floor(content: ReportContent) -> float:
-    """Least share 0..1 of what can be seen that matters where one chooses: the last points are what costs."""
+    """Least coverage 0..1 of the visible ground that matters for the choice, because the last points are expensive."""
     chosen = content.planned.coverage_of_coverable
     return chosen - max(4.0 * (1.0 - chosen), 0.05)
 

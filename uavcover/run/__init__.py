@@ -1,4 +1,4 @@
 """The run folder: its files, provenance, inputs of a verdict; the user's messages; scheduling of long tasks.
 
-Begin with ``folder.py`` and ``provenance.py``; ``user.py`` is who commands talk to, ``scheduling.py`` who computes.
+Begin with ``folder.py`` and ``provenance.py``; ``user.py`` is the interface to the user, ``scheduling.py`` to the workers.
 """

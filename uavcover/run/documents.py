@@ -38,9 +38,9 @@ def plan_document(
     plan: Plan,  # what was planned
     *,
     seed: int,  # of every random number
-    bounds: dict[str, Any],  # what no plan can beat
-    sorties: Sequence[dict[str, Any]] = (),  # what is said of each flight when there are several
-    fleet: dict[str, Any] | None = None,  # what is said of the vehicles when there are several
+    bounds: dict[str, Any],  # lower bounds
+    sorties: Sequence[dict[str, Any]] = (),  # documents of several flights
+    fleet: dict[str, Any] | None = None,  # document of several vehicles
     # as an older ``plan.json`` of the same set has them; default: the plan's
     baselines: Sequence[dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def bound_in_words(question: str, entry: dict[str, Any]) -> str:
 
 
 def _gap_in_words(gap: float) -> str:
-    """As a fraction of the bound, or how many times it what was found is."""
+    """The gap as a fraction of the bound, or as a multiple of it."""
     return f"gap {_percent(gap)}" if gap <= 1.0 else f"{1.0 + gap:.1f} times that"
 
 
@@ -211,7 +211,7 @@ def site_for(log: Path, run: RunFolder, site: Site) -> Site:
     """The site of the vehicle that flew a log: where vehicles differ, that of the plan beside it.
 
     Raises:
-        InputError: nothing tells which vehicle flew it.
+        InputError: the vehicle that flew it is unknown.
     """
     if not site.scenario.vehicles:
         return site
@@ -223,7 +223,7 @@ def site_for(log: Path, run: RunFolder, site: Site) -> Site:
         )
     beside = RunFolder(log.parent).file("scenario.toml")
     scenario = load_scenario(beside) if beside.exists() else site.scenario
-    # Only who flew and from where is the sortie's; limits and ground are those of the whole run.
+    # Only the vehicle and its home are the sortie's; limits and ground are those of the whole run.
     for own in vehicle_sites(site):
         if is_alike(own.scenario, scenario):
             return own
@@ -277,7 +277,7 @@ def plans_of(run: RunFolder) -> list[RunFolder]:
 
 
 def next_folder(run: RunFolder) -> RunFolder:
-    """Where the flight that goes on with the latest one is kept."""
+    """Folder of the flight that continues the latest one."""
     return RunFolder(run.file(f"{_FOLDER}-{len(flights_of(run))}"))
 
 

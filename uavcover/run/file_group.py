@@ -29,7 +29,7 @@ def write_file(path: Path, content: bytes) -> None:
     """Write one file whole or not at all.
 
     Raises:
-        OutputError: it cannot be written; what was there before is untouched.
+        OutputError: it cannot be written; the old content is untouched.
     """
     temporary = None
     try:

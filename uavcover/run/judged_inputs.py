@@ -1,7 +1,7 @@
 """Inputs of a verdict: the hash of every judged file, compared with the records in ``run.json``.
 
-Hashes are of bytes: a scenario written in another way is another scenario, even where it means the same. Who forges ``run.json``
-consistently is not found out here, but by the judgement of the track.
+Hashes are of bytes, so a scenario written in another way is another scenario, even with the same meaning. A consistently forged
+``run.json`` is not detected here, but by the checks of the track.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ class Change:
     file: str  # which file, by its path in the run folder where it is inside
     was: str | None = None  # its hash, or version, as recorded; None where it was not there, or is not recorded
     now: str | None = None  # as it is; None where it is not there
-    why: str = ""  # what is wrong, when no two hashes say it
+    why: str = ""  # problems other than different hashes
 
     def __str__(self) -> str:
         if self.why:
@@ -49,7 +49,7 @@ class JudgedInputs:
     """The inputs of a verdict."""
 
     hashes: dict[str, Any]  # ``inputs`` of ``verification.json``
-    changes: tuple[Change, ...]  # what is not as it was recorded
+    changes: tuple[Change, ...]  # differences from the record
     unsealed: tuple[str, ...]  # tracks of the run of which no end is recorded, as of a flight that was killed
     site: Site | None = None  # the scenario on its ground, whose hashes these are; None where it cannot be made
 
@@ -234,7 +234,7 @@ class _Finding:
                 self.add_if_changed(what, folder.file(name), record.files.get(name))
 
     def add_followed(self, folder: RunFolder, of_run: Record) -> None:
-        """The plan beside a log, such as that of a sortie, and that it is one for the same scenario."""
+        """Add the plan beside a log, such as that of a sortie, and require the same scenario."""
         record = read_record(folder)
         self.add_record(folder, record)
         self.add_files(folder, record)

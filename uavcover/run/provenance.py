@@ -1,7 +1,7 @@
 """``run.json``: which command read and wrote what in a run folder, with SHA-256, and the status of its flight.
 
-Entries of the list ``provenance`` are only ever added. Each holds the hash of the one before it, so that one which was changed
-or taken out is noticed. The last entry that wrote a file holds for it; a plan begins anew.
+Entries of the list ``provenance`` are only ever added. Each holds the hash of the one before it, so that a changed or missing
+entry is detected. The last entry that wrote a file holds for it; a plan begins anew.
 
 A flight is ``flying`` from its first second on, with the process that follows it. When that process ends without another word,
 as by ``kill -9`` or a power cut, the flight is ``interrupted``: every command that looks at the run says so, and writes it down.
@@ -41,7 +41,7 @@ class Record:
     # hash of every file that was written since the plan, by its path in the folder; null where it was removed
     files: Mapping[str, str | None]
     version: str | None  # of the uavcover that planned
-    faults: tuple[str, ...]  # what is wrong with the record itself
+    faults: tuple[str, ...]  # problems of the record itself
 
 
 def sha256_of(path: Path) -> str | None:
@@ -242,7 +242,7 @@ def note_flying(run: RunFolder) -> None:
 
 
 def note_interrupted(run: RunFolder) -> None:
-    """The flight is not followed any more, and how it goes on is not known; errors as ``note_flying``."""
+    """Record that the flight is no longer followed and its end is unknown; errors as ``note_flying``."""
     _note(run, {"ending": INTERRUPTED, "vehicle_now": "unknown: uavcover did not follow the flight to its end"})
 
 
@@ -255,7 +255,7 @@ def settled_ending(run: RunFolder) -> str | None:
     if flight is None:
         return None
     if flight.get("ending") == FLYING and not is_running(flight.get(_PROCESS)):
-        with contextlib.suppress(InputError, OutputError):  # a folder that may only be read is looked at, too
+        with contextlib.suppress(InputError, OutputError):  # a read-only folder can be read, too
             note_interrupted(run)
         return INTERRUPTED
     ending = flight.get("ending")
@@ -302,7 +302,7 @@ def is_running(process: object) -> bool:
 
 
 def _boot_id() -> str | None:
-    """Tells one start of the machine from the next; None where the operating system has no such thing."""
+    """Identifies one start of the machine; None without support by the operating system."""
     try:
         return _BOOT.read_text(encoding="ascii").strip()
     except OSError:
@@ -341,7 +341,7 @@ def program() -> dict[str, str]:
 
 
 def differences(ours: dict[str, str], theirs: dict[str, str]) -> str:
-    """In words, what is not the same here and there; empty when all is."""
+    """The differences of both, as text; empty without any."""
     return ", ".join(
         f"{name} {ours.get(name, 'none')} here and {theirs.get(name, 'none')} there"
         for name in ours | theirs

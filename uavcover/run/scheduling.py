@@ -1,7 +1,7 @@
 """Scheduling of a command's tasks: workers that ``--scheduler`` names (Dask), and the input that they share.
 
-A command sees tasks as functions of their arguments alone, and workers as something that gives back each task with its result.
-This is the only importer of Dask, which is loaded when a scheduler is named.
+Tasks are functions of their arguments alone, and workers return each task with its result. This is the only importer of Dask,
+which is loaded when a scheduler is named.
 
 Input of all workers of this machine is in one file that they map into memory: large arrays exist once. The file has no name: it
 is gone with the command that wrote it, also when that is killed. Workers open it by its number in the command (Linux).
@@ -47,7 +47,7 @@ _IDLE = {
 processor time in 15 s, in place of 1.3 s."""
 
 _DEAF_TO_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-"""A terminal sends Ctrl-C to all processes of a command; who started the workers decides."""
+"""Workers ignore Ctrl-C, which a terminal sends to all processes of a command; the parent process decides."""
 
 _DASK = r"(dask|distributed)(\.|$)"
 _GOES_ON = "finished work is kept; run the command again"
@@ -291,7 +291,7 @@ class InFile(NamedTuple):
 
 
 _FROM_FILE: dict[str, Any] = {}
-"""What a worker read last, by hash: tasks that come later find it in memory."""
+"""Inputs that a worker read last, by hash, for later tasks."""
 
 
 def _read(there: InFile) -> Any:
@@ -352,7 +352,7 @@ class SharedFile:
 
     @property
     def path(self) -> str:
-        """By which other processes of this user open it."""
+        """Path by which other processes of this user open it."""
         return f"/proc/{os.getpid()}/fd/{self.file.fileno()}"
 
 

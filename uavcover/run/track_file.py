@@ -38,11 +38,11 @@ from uavcover.model.track import (
 from uavcover.run.file_group import NO_ROOM
 
 SAMPLE_BYTES: Final = 2000
-"""What a sample takes in track, telemetry log and both recordings together: measured 1.4 kB at 7 samples a second."""
+"""Size of a sample in track, telemetry log and both recordings together: measured 1.4 kB at 7 samples a second."""
 SAMPLES_PER_S: Final = 10.0
 """As often as positions are requested."""
 _LONGER, _SPARE_S = 2.0, 900.0
-"""A flight may take longer than predicted, and has transit legs."""
+"""Factor for flights that take longer than predicted, and for transit legs."""
 
 
 def record_bytes(flight_time_s: float) -> int:
