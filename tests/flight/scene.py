@@ -17,7 +17,7 @@ from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.orders import FlightPlan, OnBreach, Orders, Precautions
 from uavcover.mock.body import Ground
 from uavcover.mock.server import InMemoryPeer
-from uavcover.mock.telemetry import OnTruth
+from uavcover.mock.state import OnTruth
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.track import EventKind, FlightEvent, FlightOutcome, TrackSample
 from uavcover.terrain.frames import LocalFrame

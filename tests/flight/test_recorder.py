@@ -15,8 +15,7 @@ from uavcover.flight.fly import Recorder
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.orders import FlightTimeouts
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.state import Streams
-from uavcover.mock.telemetry import TruthSample
+from uavcover.mock.state import Streams, TruthSample
 from uavcover.model.track import Ending, FlightFailedError, TrackSample
 from uavcover.terrain.frames import LocalFrame
 

@@ -92,10 +92,6 @@ class Positioning:
         self._drift_m_s = (BODY.drift_m_s * math.sin(angle), BODY.drift_m_s * math.cos(angle), 0.0)
         self.lost = True
 
-    def find_fix(self) -> None:
-        """Regain the satellite fix."""
-        self.lost = False
-
     def step(self) -> None:
         """Update the believed position after one more step."""
         if not self._exact:

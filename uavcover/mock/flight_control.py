@@ -67,7 +67,7 @@ class FlightControl:
         state.stay_armed()
         state.speeds = state.settings.speeds
         self.mission.rewind()
-        state.say(Severity.INFO, "Arming motors" if state.is_ardupilot else "Armed by external command")
+        state.say_as(Severity.INFO, "Arming motors", "Armed by external command")
         if state.mode is Mode.MISSION:  # PX4 takes off as soon as it is armed
             self._fly_mission()
         return CommandResult.ACCEPTED
@@ -140,8 +140,7 @@ class FlightControl:
     def set_current(self, seq: int) -> CommandResult:
         """Continue with another mission item."""
         if not self.mission.go_to(seq):
-            if not self.state.is_ardupilot:
-                self.state.say(Severity.CRITICAL, f"There is no mission item {seq}")
+            self.state.say_as(Severity.CRITICAL, None, f"There is no mission item {seq}")
             return CommandResult.DENIED
         self._fly_on()
         tell(self.state, m.MissionCurrent)
@@ -249,8 +248,7 @@ class FlightControl:
         """Continue with another mission than before."""
         state = self.state
         if state.flying and state.mode is Mode.MISSION:
-            if state.is_ardupilot:
-                state.say(Severity.CRITICAL, "Auto mission changed, restarted command")
+            state.say_as(Severity.CRITICAL, "Auto mission changed, restarted command", None)
             self._fly_mission()
         elif not state.flying or not state.autopilot.home_in_item_0:
             self.mission.reset()

@@ -220,7 +220,6 @@ def _rtl(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None
     rally = _copters_rally_point(state, here)
     there = home if rally is None else rally
     above_home = here[2] - home[2]
-    lowest = max(0.3, above_home + max(0.0, get["RTL_CLIMB_MIN"] / 100.0))
     steps: list[Step] = []
     if begin is None:
         steps.append(_brake(state, speeds, seq))
@@ -229,10 +228,7 @@ def _rtl(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None
     if get["RTL_ALT_TYPE"] == 1.0 and get["TERRAIN_ENABLE"]:
         steps += _over_terrain(state, speeds, seq, (here, rest, there))
     else:
-        height = max(there[2] - home[2], get["RTL_ALT"] / 100.0, lowest)
-        if get["RTL_CONE_SLOPE"] >= 0.5:
-            away = math.dist(rest[:2], there[:2])
-            height = min(height, max(away * get["RTL_CONE_SLOPE"], lowest))
+        height = _rtl_height(state, above_home, there[2] - home[2], math.dist(rest[:2], there[:2]))
         height = max(min(height, state.fence.highest_m), above_home)
         top = (rest[0], rest[1], home[2] + height)
         steps.append(Step(seq, StepKind.CLIMB, speeds, top))
@@ -246,6 +242,15 @@ def _rtl(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None
     return steps
 
 
+def _rtl_height(state: MockState, now_m: float, end_m: float, away_m: float) -> float:
+    """Height of a return, above home or the terrain, from the present height and that of its end."""
+    get = state.parameters
+    lowest = max(0.3, now_m + max(0.0, get["RTL_CLIMB_MIN"] / 100.0))
+    height = max(end_m, get["RTL_ALT"] / 100.0, lowest)
+    slope = get["RTL_CONE_SLOPE"]
+    return min(height, max(away_m * slope, lowest)) if slope >= 0.5 else height
+
+
 def _brake(state: MockState, speeds: Speeds, seq: int | None) -> Step:
     """Come to rest."""
     (vx, vy, _), pull = state.body.believed.velocity_m_s, state.body.point.airframe.max_acceleration_m_s2
@@ -253,13 +258,10 @@ def _brake(state: MockState, speeds: Speeds, seq: int | None) -> Step:
 
 
 def _over_terrain(state: MockState, speeds: Speeds, seq: int | None, way: tuple[Vector, Vector, Vector]) -> list[Step]:
-    get, (here, rest, there) = state.parameters, way
-    height = here[2] - _ground_m(state, here[0], here[1])
-    lowest = max(0.3, height + max(0.0, get["RTL_CLIMB_MIN"] / 100.0))
-    wanted = max(there[2] - _ground_m(state, there[0], there[1]), get["RTL_ALT"] / 100.0, lowest)
+    here, rest, there = way
+    now_m, end_m = (place[2] - _ground_m(state, place[0], place[1]) for place in (here, there))
     length = math.dist(rest[:2], there[:2])
-    if get["RTL_CONE_SLOPE"] >= 0.5:
-        wanted = min(wanted, max(length * get["RTL_CONE_SLOPE"], lowest))
+    wanted = _rtl_height(state, now_m, end_m, length)
     pieces = max(1, math.ceil(length / FLIGHT.terrain_step_m))
     steps = []
     for k in range(pieces + 1):

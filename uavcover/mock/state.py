@@ -5,7 +5,7 @@ through ``flight_control``, and ``vehicle`` advances the time.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -113,6 +113,26 @@ def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, fl
     )  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True)
+class TruthSample:
+    """True and believed position when a position was reported."""
+
+    time_s: float  # vehicle time since it was switched on, as in the reported position
+    lat_deg: float  # true latitude
+    lon_deg: float  # true longitude
+    alt_amsl_m: float  # true height above mean sea level
+    east_error_m: float  # believed position less the true one
+    north_error_m: float  # the same
+    up_error_m: float  # the same
+    roll_deg: float  # right side down is positive
+    pitch_deg: float  # nose up is positive
+    yaw_deg: float  # clockwise from north
+
+
+OnTruth = Callable[[TruthSample], None]
+"""Called with each sample."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MockConfig:
     """Configuration of a simulated vehicle."""
@@ -155,12 +175,16 @@ class MockState:
         self,
         autopilot: Autopilot,  # the autopilot to imitate: ``mission_io.autopilots.autopilot.ARDUPILOT`` or ``PX4``
         home: GeoPoint,  # where it stands
-        config: MockConfig,  # what kind of vehicle it is
+        config: MockConfig | None = None,  # what kind of vehicle it is; None takes the defaults
         *,
         # height of the ground above mean sea level by latitude and longitude; None is flat at home's height
-        ground: Ground | None,
-        rng: np.random.Generator,  # of gusts and errors
+        ground: Ground | None = None,
+        rng: np.random.Generator | None = None,  # of gusts and errors; None is seed 0
+        on_truth: OnTruth | None = None,  # called with the true position each time the vehicle reports its position
     ) -> None:
+        config = MockConfig() if config is None else config
+        rng = np.random.default_rng(0) if rng is None else rng
+        self.on_truth = on_truth
         as_given = config.vehicle_type == VehicleClass.QUADROTOR
         self.autopilot = autopilot if as_given else autopilot_for(autopilot.mav_autopilot, config.vehicle_type)
         self.speed, self.vehicle_type, self.behaviour = config.speed, config.vehicle_type, config.behaviour
@@ -308,6 +332,12 @@ class MockState:
         self._texts_in_pieces += 1
         for chunk, begin in enumerate(range(0, len(text) + 1, m.TEXT_LETTERS)):
             self.send(m.StatusText(severity, text[begin : begin + m.TEXT_LETTERS], self._texts_in_pieces, chunk))
+
+    def say_as(self, severity: int, ardupilot: str | None, px4: str | None) -> None:
+        """Send the text of the autopilot that it imitates; nothing where that has none."""
+        text = ardupilot if self.is_ardupilot else px4
+        if text is not None:
+            self.say(severity, text)
 
     def set_interval(self, kind: type[m.Message], interval_s: float | None) -> None:
         """Send a kind of message every ``interval_s`` seconds; 0 is its default, None is never."""

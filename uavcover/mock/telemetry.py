@@ -7,7 +7,7 @@ the ground stations that listen to it.
 import csv
 import math
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -20,7 +20,7 @@ from mission_io.wire.codec import message_id
 from mission_io.wire.telemetry_messages import TimeSync
 from uavcover.errors import InputError
 from uavcover.mock.behaviour import LINK
-from uavcover.mock.state import MockState
+from uavcover.mock.state import MockState, TruthSample
 from uavcover.model.vehicle import MOCK_UID
 
 _CAPABILITIES = {
@@ -165,26 +165,6 @@ def _home(vehicle: MockState) -> m.Message | None:
 def _origin(vehicle: MockState) -> m.Message:
     frame = vehicle.body.frame
     return m.GpsGlobalOrigin(frame.lat_deg, frame.lon_deg, frame.alt_amsl_m)
-
-
-@dataclass(frozen=True, slots=True)
-class TruthSample:
-    """True and believed position when a position was reported."""
-
-    time_s: float  # vehicle time since it was switched on, as in the reported position
-    lat_deg: float  # true latitude
-    lon_deg: float  # true longitude
-    alt_amsl_m: float  # true height above mean sea level
-    east_error_m: float  # believed position less the true one
-    north_error_m: float  # the same
-    up_error_m: float  # the same
-    roll_deg: float  # right side down is positive
-    pitch_deg: float  # nose up is positive
-    yaw_deg: float  # clockwise from north
-
-
-OnTruth = Callable[[TruthSample], None]
-"""Called with each sample."""
 
 
 class TruthFile(Closing):

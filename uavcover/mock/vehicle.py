@@ -4,211 +4,126 @@
 equal flights.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
-import numpy as np
-
-from mission_io.autopilots.autopilot import Autopilot, Mode
+from mission_io.autopilots.autopilot import Mode
 from mission_io.model.enums import Severity
-from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
+from mission_io.model.items import Command, MissionItem, MissionType
 from mission_io.wire import messages as m
 from uavcover.mock.behaviour import BODY, FLIGHT
-from uavcover.mock.body import SMART_RTL, Ground
+from uavcover.mock.body import SMART_RTL
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import Fault, FaultKind
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.reactions import Failsafes, handle
 from uavcover.mock.state import MockConfig, MockState
-from uavcover.mock.telemetry import OnTruth, tell, truth_sample
-
-# Effects of each fault on the mock vehicle at its begin and end.
-
-
-def apply_faults(control: FlightControl) -> None:
-    """Begin and end the faults that are due now."""
-    state = control.state
-    now = state.powered_s
-    for fault in state.faults.take_due(now, took_off_at_s=state.took_off_at_s, current_seq=state.current_seq):
-        if (begin := _BEGIN.get(fault.kind)) is not None:
-            begin(control, fault)
-    for fault in state.faults.take_ended(now):
-        if (end := _END.get(fault.kind)) is not None:
-            end(control)
-
-
-def _lose_fix(control: FlightControl, _: Fault) -> None:
-    control.state.body.believed.lose_fix()
-    control.state.say(
-        Severity.CRITICAL, "GPS 1: lost fix" if control.state.is_ardupilot else "GNSS data fusion stopped"
-    )
-
-
-def _find_fix(control: FlightControl) -> None:
-    control.state.body.believed.find_fix()
-    control.state.say(Severity.INFO, "GPS 1: fix is back" if control.state.is_ardupilot else "GNSS data fusion started")
-
-
-def _drain_battery(control: FlightControl, fault: Fault) -> None:
-    mode = fault.mode or Mode.RETURN
-    control.state.body.battery.drop_to(BODY.fault_charge)
-    battery = control.state.body.battery
-    if control.state.is_ardupilot:
-        used_mah = (1.0 - battery.remaining) * battery.capacity_mah
-        control.state.say(Severity.CRITICAL, f"Battery 1 is critical {battery.voltage_v:.2f}V used {used_mah:.0f} mAh")
-    control.fail_safe("Battery", mode)
-
-
-def _get_stuck(control: FlightControl, _: Fault) -> None:
-    control.state.body.itinerary.stuck = True
-
-
-def _blow(control: FlightControl, fault: Fault) -> None:
-    control.state.body.air.change(WindModel(speed_m_s=fault.number, from_deg=BODY.upwind_deg))
-    if not control.state.is_ardupilot:
-        control.state.say(Severity.WARNING, f"High wind speed detected ({fault.number:.1f} m/s)")
-
-
-def _change_mission(control: FlightControl, _: Fault) -> None:
-    """Another ground station uploads the mission without the waypoint after the next, or without the last one."""
-    items = control.state.mission_items
-    places = [
-        seq
-        for seq, item in enumerate(items)
-        if item.command == Command.NAV_WAYPOINT and (seq > 0 or not control.state.autopilot.home_in_item_0)
-    ]
-    if not places:
-        return
-    ahead = [seq for seq in places if seq > control.state.current_seq + 1]
-    gone = ahead[0] if ahead else places[-1]
-    _upload(control, (*items[:gone], *items[gone + 1 :]))
-
-
-def _lower_mission(control: FlightControl, fault: Fault) -> None:
-    """Another ground station uploads the same mission with lower waypoints; its length and its current item stay the same."""
-    home = int(control.state.autopilot.home_in_item_0)
-    _upload(
-        control,
-        tuple(
-            replace(item, alt_m=item.alt_m - fault.number)
-            if item.command == Command.NAV_WAYPOINT and n >= home
-            else item
-            for n, item in enumerate(control.state.mission_items)
-        ),
-    )
-
-
-def _upload(control: FlightControl, items: tuple[MissionItem, ...]) -> None:
-    control.state.missions.replace(MissionType.MISSION, items)
-    if control.state.is_ardupilot:
-        control.state.say(Severity.INFO, "Flight plan received")
-    control.mission_changed()
-
-
-def _fail_motors(control: FlightControl, _: Fault) -> None:
-    """Motors give no thrust; the autopilot notices only that its commands have no effect."""
-    control.state.body.motors_failed = control.state.flying
-    if control.state.is_ardupilot:
-        control.state.say(Severity.EMERGENCY, "Potential Thrust Loss (1)")
-
-
-def _glitch(control: FlightControl, fault: Fault) -> None:
-    control.state.body.believed.glitch_m = fault.number
-    if control.state.is_ardupilot:
-        control.state.say(Severity.CRITICAL, "GPS Glitch or Compass error")
-
-
-def _end_glitch(control: FlightControl) -> None:
-    control.state.body.believed.glitch_m = 0.0
-    if control.state.is_ardupilot:
-        control.state.say(Severity.CRITICAL, "Glitch cleared")
-
-
-def _set_item_back(control: FlightControl, _: Fault) -> None:
-    """Another station sets the first waypoint again."""
-    first = next(
-        (n for n, item in enumerate(control.state.mission_items) if n and item.command == Command.NAV_WAYPOINT), None
-    )
-    if first is not None:
-        control.set_current(first)
-
-
-def _stop_camera(control: FlightControl, fault: Fault) -> None:
-    control.state.camera.at_most = control.state.camera.taken + fault.number
-
-
-def _skip_photos(control: FlightControl, fault: Fault) -> None:
-    control.state.camera.every = max(1, round(fault.number))
-
-
-def _hush_camera(control: FlightControl, _: Fault) -> None:
-    control.state.camera.reports = False
-
-
-_BEGIN: dict[FaultKind, Callable[[FlightControl, Fault], object]] = {
-    FaultKind.GPS_LOSS: _lose_fix,
-    FaultKind.BATTERY_FAILSAFE: _drain_battery,
-    FaultKind.PILOT_MODE: lambda control, fault: control.set_mode(fault.mode or Mode.HOLD),
-    FaultKind.REBOOT: lambda control, fault: control.power_off(fault.number),
-    FaultKind.STUCK: _get_stuck,
-    FaultKind.STRONG_WIND: _blow,
-    FaultKind.MISSION_CHANGED: _change_mission,
-    FaultKind.MISSION_LOWERED: _lower_mission,
-    # Another station forces a disarm (COMPONENT_ARM_DISARM with param2 21196).
-    FaultKind.FORCE_DISARM: lambda control, _: control.disarm(force=True),
-    FaultKind.MOTOR_FAILURE: _fail_motors,
-    FaultKind.GPS_GLITCH: _glitch,
-    # Another station commands another speed (DO_CHANGE_SPEED).
-    FaultKind.SPEED_CHANGED: lambda control, fault: control.set_speeds(
-        replace(control.state.speeds, cruise_m_s=fault.number)
-    ),
-    FaultKind.ITEM_SET_BACK: _set_item_back,
-    FaultKind.CAMERA_STOPS: _stop_camera,
-    FaultKind.CAMERA_SKIPS: _skip_photos,
-    FaultKind.CAMERA_SILENT: _hush_camera,
-}
-"""Any other fault works by being in effect: the vehicle asks ``is_going_on``."""
-
-_END: dict[FaultKind, Callable[[FlightControl], None]] = {
-    FaultKind.GPS_LOSS: _find_fix,
-    FaultKind.STUCK: lambda control: control.state.body.itinerary.come_loose(),
-    FaultKind.GPS_GLITCH: _end_glitch,
-}
-
+from uavcover.mock.telemetry import tell, truth_sample
 
 __all__ = ["MockConfig", "MockVehicle"]
 
 
+def _begin_fault(control: FlightControl, fault: Fault) -> None:
+    """Begin a fault; any other works by being in effect: the vehicle asks ``is_going_on``."""
+    state = control.state
+    match fault.kind:
+        case FaultKind.GPS_LOSS:
+            state.body.believed.lose_fix()
+            state.say_as(Severity.CRITICAL, "GPS 1: lost fix", "GNSS data fusion stopped")
+        case FaultKind.BATTERY_FAILSAFE:
+            battery = state.body.battery
+            battery.drop_to(BODY.fault_charge)
+            used_mah = (1.0 - battery.remaining) * battery.capacity_mah
+            words = f"Battery 1 is critical {battery.voltage_v:.2f}V used {used_mah:.0f} mAh"
+            state.say_as(Severity.CRITICAL, words, None)
+            control.fail_safe("Battery", fault.mode or Mode.RETURN)
+        case FaultKind.PILOT_MODE:
+            control.set_mode(fault.mode or Mode.HOLD)
+        case FaultKind.REBOOT:
+            control.power_off(fault.number)
+        case FaultKind.STUCK:
+            state.body.itinerary.stuck = True
+        case FaultKind.STRONG_WIND:
+            state.body.air.change(WindModel(speed_m_s=fault.number, from_deg=BODY.upwind_deg))
+            state.say_as(Severity.WARNING, None, f"High wind speed detected ({fault.number:.1f} m/s)")
+        case FaultKind.MISSION_CHANGED:
+            _change_mission(control)
+        case FaultKind.MISSION_LOWERED:
+            _lower_mission(control, fault.number)
+        case FaultKind.FORCE_DISARM:  # another station, by COMPONENT_ARM_DISARM with param2 21196
+            control.disarm(force=True)
+        case FaultKind.MOTOR_FAILURE:  # the autopilot notices only that its commands have no effect
+            state.body.motors_failed = state.flying
+            state.say_as(Severity.EMERGENCY, "Potential Thrust Loss (1)", None)
+        case FaultKind.GPS_GLITCH:
+            state.body.believed.glitch_m = fault.number
+            state.say_as(Severity.CRITICAL, "GPS Glitch or Compass error", None)
+        case FaultKind.SPEED_CHANGED:  # by another station, with DO_CHANGE_SPEED
+            control.set_speeds(replace(state.speeds, cruise_m_s=fault.number))
+        case FaultKind.ITEM_SET_BACK:  # another station sets the first waypoint again
+            waypoints = (n for n, item in enumerate(state.mission_items) if item.command == Command.NAV_WAYPOINT)
+            if (first := next(filter(None, waypoints), None)) is not None:
+                control.set_current(first)
+        case FaultKind.CAMERA_STOPS:
+            state.camera.at_most = state.camera.taken + fault.number
+        case FaultKind.CAMERA_SKIPS:
+            state.camera.every = max(1, round(fault.number))
+        case FaultKind.CAMERA_SILENT:
+            state.camera.reports = False
+
+
+def _end_fault(state: MockState, fault: Fault) -> None:
+    match fault.kind:
+        case FaultKind.GPS_LOSS:
+            state.body.believed.lost = False
+            state.say_as(Severity.INFO, "GPS 1: fix is back", "GNSS data fusion started")
+        case FaultKind.STUCK:
+            state.body.itinerary.come_loose()
+        case FaultKind.GPS_GLITCH:
+            state.body.believed.glitch_m = 0.0
+            state.say_as(Severity.CRITICAL, "Glitch cleared", None)
+
+
+def _change_mission(control: FlightControl) -> None:
+    """Another ground station uploads the mission without the waypoint after the next, or without the last one."""
+    state = control.state
+    items, home = state.mission_items, int(state.autopilot.home_in_item_0)
+    places = [n for n, item in enumerate(items) if item.command == Command.NAV_WAYPOINT and n >= home]
+    if places:
+        gone = next((n for n in places if n > state.current_seq + 1), places[-1])
+        _upload(control, (*items[:gone], *items[gone + 1 :]))
+
+
+def _lower_mission(control: FlightControl, by_m: float) -> None:
+    """Another ground station uploads the same mission with lower waypoints; its length and its current item stay the same."""
+    home = int(control.state.autopilot.home_in_item_0)
+    lowered = (
+        replace(item, alt_m=item.alt_m - by_m) if item.command == Command.NAV_WAYPOINT and n >= home else item
+        for n, item in enumerate(control.state.mission_items)
+    )
+    _upload(control, tuple(lowered))
+
+
+def _upload(control: FlightControl, items: tuple[MissionItem, ...]) -> None:
+    control.state.missions.replace(MissionType.MISSION, items)
+    control.state.say_as(Severity.INFO, "Flight plan received", None)
+    control.mission_changed()
+
+
 class MockVehicle(MockState):
-    """The vehicle: feed it with ``receive`` and ``advance``, and send what ``outgoing`` returns.
+    """The vehicle: feed it with ``receive`` and ``advance``, and send what ``outgoing`` returns."""
 
-    Attributes:
-        control: what the vehicle can be made to do.
-        failsafes: what it does by itself.
-    """
+    _texts_said = 0
 
-    def __init__(
-        self,
-        autopilot: Autopilot,  # the autopilot to imitate: ``mission_io.autopilots.autopilot.ARDUPILOT`` or ``PX4``
-        home: GeoPoint,  # where it stands
-        config: MockConfig | None = None,  # what kind of vehicle it is; None takes the defaults
-        *,
-        # height of the ground above mean sea level by latitude and longitude; None is flat at home's height
-        ground: Ground | None = None,
-        rng: np.random.Generator | None = None,  # of gusts and errors; None is seed 0
-        on_truth: OnTruth | None = None,  # called with the true position each time the vehicle reports its position
-    ) -> None:
-        super().__init__(
-            autopilot,
-            home,
-            config if config is not None else MockConfig(),
-            ground=ground,
-            rng=rng if rng is not None else np.random.default_rng(0),
-        )
-        self.control = FlightControl(self)
-        self.failsafes = Failsafes(self.control)
-        self._on_truth = on_truth
-        self._texts_said = 0
+    @cached_property
+    def control(self) -> FlightControl:
+        """What the vehicle can be made to do."""
+        return FlightControl(self)
+
+    @cached_property
+    def failsafes(self) -> Failsafes:
+        """What it does by itself."""
+        return Failsafes(self.control)
 
     def receive(self, received: m.Received, now: float) -> None:
         """Handle a message that arrives at ``now``."""
@@ -243,7 +158,12 @@ class MockVehicle(MockState):
                 self._boot()
             return
         now = self.time_s
-        apply_faults(self.control)
+        for fault in self.faults.take_due(
+            self.powered_s, took_off_at_s=self.took_off_at_s, current_seq=self.current_seq
+        ):
+            _begin_fault(self.control, fault)
+        for fault in self.faults.take_ended(self.powered_s):
+            _end_fault(self, fault)
         if self.armed or body.falling:
             self._fly(now)
         body.believed.step()
@@ -252,8 +172,8 @@ class MockVehicle(MockState):
         if now + 1e-9 >= self.streams.next_due_s:
             for kind in self.streams.due(now):
                 tell(self, kind)
-                if kind is m.GlobalPositionInt and self._on_truth is not None:
-                    self._on_truth(truth_sample(self))
+                if kind is m.GlobalPositionInt and self.on_truth is not None:
+                    self.on_truth(truth_sample(self))
         texts = self.behaviour.start_texts
         while self._texts_said < len(texts) and now >= texts[self._texts_said].at_s:
             self.say(texts[self._texts_said].severity, texts[self._texts_said].text)
