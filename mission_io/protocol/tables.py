@@ -49,9 +49,9 @@ class Table(Generic[StateT, EventT]):
         return state not in self._states
 
 
-def staying(state: StateT, *events: EventT) -> list[Row[StateT, EventT]]:
-    """Rows for events that change nothing in a state."""
-    return [Row(state, event, state) for event in events]
+def staying(state: StateT, *events: EventT, action: str = "") -> list[Row[StateT, EventT]]:
+    """Rows for events after which the state is the same."""
+    return [Row(state, event, state, action) for event in events]
 
 
 class ServerState(Enum):
@@ -93,56 +93,48 @@ class ServerEvent(Enum):
     DOWNLOAD_OVER = "silence during a download for good"
 
 
-_VehicleState, _VehicleEvent = ServerState, ServerEvent
-
+_IDLE, _RECEIVING, _SENDING, _V = ServerState.IDLE, ServerState.RECEIVING, ServerState.SENDING, ServerEvent
 SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
     [
-        Row(_VehicleState.IDLE, _VehicleEvent.COUNT, _VehicleState.RECEIVING, "begin"),
-        Row(_VehicleState.IDLE, _VehicleEvent.COUNT_ZERO, _VehicleState.IDLE, "empty"),
-        Row(_VehicleState.IDLE, _VehicleEvent.COUNT_REFUSED, _VehicleState.IDLE, "refuse"),
-        Row(_VehicleState.IDLE, _VehicleEvent.ITEM_STRAY, _VehicleState.IDLE, "answer_idle_item"),
-        Row(_VehicleState.IDLE, _VehicleEvent.ITEM_AGAIN, _VehicleState.IDLE, "accept_again"),
-        Row(_VehicleState.IDLE, _VehicleEvent.LIST, _VehicleState.IDLE, "send_count"),
-        Row(_VehicleState.IDLE, _VehicleEvent.LIST_HELD, _VehicleState.SENDING, "send_count"),
-        Row(_VehicleState.IDLE, _VehicleEvent.REQUEST, _VehicleState.IDLE, "send_item"),
-        Row(_VehicleState.IDLE, _VehicleEvent.REQUEST_UNKNOWN, _VehicleState.IDLE, "answer_error"),
-        Row(_VehicleState.IDLE, _VehicleEvent.CLEAR, _VehicleState.IDLE, "clear"),
-        *staying(_VehicleState.IDLE, _VehicleEvent.REQUEST_UNHEARD, _VehicleEvent.ACK, _VehicleEvent.ACK_CANCEL),
+        Row(_IDLE, _V.COUNT, _RECEIVING, "begin"),
+        Row(_IDLE, _V.COUNT_ZERO, _IDLE, "empty"),
+        Row(_IDLE, _V.COUNT_REFUSED, _IDLE, "refuse"),
+        Row(_IDLE, _V.ITEM_STRAY, _IDLE, "answer_idle_item"),
+        Row(_IDLE, _V.ITEM_AGAIN, _IDLE, "accept_again"),
+        Row(_IDLE, _V.LIST, _IDLE, "send_count"),
+        Row(_IDLE, _V.LIST_HELD, _SENDING, "send_count"),
+        Row(_IDLE, _V.REQUEST, _IDLE, "send_item"),
+        Row(_IDLE, _V.REQUEST_UNKNOWN, _IDLE, "answer_error"),
+        Row(_IDLE, _V.CLEAR, _IDLE, "clear"),
+        *staying(_IDLE, _V.REQUEST_UNHEARD, _V.ACK, _V.ACK_CANCEL),
         #
-        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT, _VehicleState.RECEIVING, "begin"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_ZERO, _VehicleState.IDLE, "empty"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_REFUSED, _VehicleState.RECEIVING, "refuse"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_LATE, _VehicleState.RECEIVING, "answer_error"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.COUNT_OTHER, _VehicleState.RECEIVING, "answer_busy"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM, _VehicleState.RECEIVING, "store"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM_LAST, _VehicleState.IDLE, "store_last"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM_BAD, _VehicleState.IDLE, "reject"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM_STRAY, _VehicleState.RECEIVING, "answer_wrong_sequence"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.ITEM_OTHER, _VehicleState.RECEIVING, "answer_other_item"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.LIST, _VehicleState.RECEIVING, "answer_busy_request"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.LIST_HELD, _VehicleState.RECEIVING, "answer_busy_request"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.REQUEST, _VehicleState.RECEIVING, "answer_busy_request"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.REQUEST_UNKNOWN, _VehicleState.RECEIVING, "answer_busy_request"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.CLEAR, _VehicleState.RECEIVING, "answer_busy_clear"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.CLEAR_OWN, _VehicleState.IDLE, "empty"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.ACK_CANCEL, _VehicleState.IDLE, "abandon"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.REREQUEST, _VehicleState.RECEIVING, "ask"),
-        Row(_VehicleState.RECEIVING, _VehicleEvent.GIVE_UP, _VehicleState.IDLE, "give_up"),
-        *staying(_VehicleState.RECEIVING, _VehicleEvent.ACK),
+        Row(_RECEIVING, _V.COUNT, _RECEIVING, "begin"),
+        Row(_RECEIVING, _V.COUNT_ZERO, _IDLE, "empty"),
+        Row(_RECEIVING, _V.COUNT_REFUSED, _RECEIVING, "refuse"),
+        Row(_RECEIVING, _V.COUNT_LATE, _RECEIVING, "answer_error"),
+        Row(_RECEIVING, _V.COUNT_OTHER, _RECEIVING, "answer_busy"),
+        Row(_RECEIVING, _V.ITEM, _RECEIVING, "store"),
+        Row(_RECEIVING, _V.ITEM_LAST, _IDLE, "store_last"),
+        Row(_RECEIVING, _V.ITEM_BAD, _IDLE, "reject"),
+        Row(_RECEIVING, _V.ITEM_STRAY, _RECEIVING, "answer_wrong_sequence"),
+        Row(_RECEIVING, _V.ITEM_OTHER, _RECEIVING, "answer_other_item"),
+        *staying(_RECEIVING, _V.LIST, _V.LIST_HELD, _V.REQUEST, _V.REQUEST_UNKNOWN, action="answer_busy_request"),
+        Row(_RECEIVING, _V.CLEAR, _RECEIVING, "answer_busy_clear"),
+        Row(_RECEIVING, _V.CLEAR_OWN, _IDLE, "empty"),
+        Row(_RECEIVING, _V.ACK_CANCEL, _IDLE, "abandon"),
+        Row(_RECEIVING, _V.REREQUEST, _RECEIVING, "ask"),
+        Row(_RECEIVING, _V.GIVE_UP, _IDLE, "give_up"),
+        *staying(_RECEIVING, _V.ACK),
         #
-        Row(_VehicleState.SENDING, _VehicleEvent.COUNT, _VehicleState.SENDING, "answer_busy"),
-        Row(_VehicleState.SENDING, _VehicleEvent.COUNT_ZERO, _VehicleState.SENDING, "answer_busy"),
-        Row(_VehicleState.SENDING, _VehicleEvent.COUNT_REFUSED, _VehicleState.SENDING, "refuse"),
-        Row(_VehicleState.SENDING, _VehicleEvent.ITEM_STRAY, _VehicleState.SENDING, "answer_idle_item"),
-        Row(_VehicleState.SENDING, _VehicleEvent.ITEM_AGAIN, _VehicleState.SENDING, "answer_idle_item"),
-        Row(_VehicleState.SENDING, _VehicleEvent.LIST_HELD, _VehicleState.SENDING, "send_count"),
-        Row(_VehicleState.SENDING, _VehicleEvent.REQUEST, _VehicleState.SENDING, "send_item"),
-        Row(_VehicleState.SENDING, _VehicleEvent.REQUEST_UNKNOWN, _VehicleState.IDLE, "answer_error"),
-        Row(_VehicleState.SENDING, _VehicleEvent.CLEAR, _VehicleState.SENDING, "answer_busy_clear"),
-        Row(_VehicleState.SENDING, _VehicleEvent.ACK, _VehicleState.IDLE),
-        Row(_VehicleState.SENDING, _VehicleEvent.ACK_CANCEL, _VehicleState.IDLE),
-        Row(_VehicleState.SENDING, _VehicleEvent.DOWNLOAD_OVER, _VehicleState.IDLE),
-        *staying(_VehicleState.SENDING, _VehicleEvent.REQUEST_UNHEARD, _VehicleEvent.LIST_OTHER),
+        *staying(_SENDING, _V.COUNT, _V.COUNT_ZERO, action="answer_busy"),
+        Row(_SENDING, _V.COUNT_REFUSED, _SENDING, "refuse"),
+        *staying(_SENDING, _V.ITEM_STRAY, _V.ITEM_AGAIN, action="answer_idle_item"),
+        Row(_SENDING, _V.LIST_HELD, _SENDING, "send_count"),
+        Row(_SENDING, _V.REQUEST, _SENDING, "send_item"),
+        Row(_SENDING, _V.REQUEST_UNKNOWN, _IDLE, "answer_error"),
+        Row(_SENDING, _V.CLEAR, _SENDING, "answer_busy_clear"),
+        *(Row(_SENDING, event, _IDLE) for event in (_V.ACK, _V.ACK_CANCEL, _V.DOWNLOAD_OVER)),
+        *staying(_SENDING, _V.REQUEST_UNHEARD, _V.LIST_OTHER),
     ]
 )
 """Every transition of the vehicle's side."""
@@ -199,124 +191,89 @@ class UploadEvent(Enum):
 
 
 _S, _E = UploadState, UploadEvent
-_ALL_ACKS = (
-    _E.ACK_ACCEPTED,
-    _E.ACK_EMPTIED,
-    _E.ACK_BUSY,
-    _E.ACK_SEQUENCE,
-    _E.ACK_ERROR,
-    _E.ACK_REFUSED,
-    _E.ACK_CANCELLED,
-)
-_LIVE = (_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING, _S.ACKED_EARLY, _S.DOUBTING, _S.RECHECKING, _S.BACKING_OFF)
-_WITHOUT_AN_END = (_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING)
+_UploadRow = Row[UploadState, UploadEvent]
+_UNDER_WAY = (_S.SERVING, _S.ACKED_EARLY, _S.CONFIRMING, _S.RECHECKING, _S.DOUBTING)
+_LIVE = (_S.ANNOUNCED, *_UNDER_WAY, _S.BACKING_OFF)
+_STRAY_ACKS = (_E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED)
+_ALL_ACKS = (*_STRAY_ACKS, _E.ACK_EMPTIED, _E.ACK_BUSY, _E.ACK_ERROR, _E.ACK_REFUSED)
+
+
+def _each(states: Iterable[UploadState], event: UploadEvent, then: UploadState, action: str = "") -> list[_UploadRow]:
+    """Rows of an event that has the same effect in several states."""
+    return [Row(state, event, then, action) for state in states]
+
 
 UPLOAD_TABLE: Table[UploadState, UploadEvent] = Table(
     [
-        Row(_S.ANNOUNCED, _E.REQUEST, _S.SERVING, "send_items"),
-        Row(_S.ANNOUNCED, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        # A request goes on with the upload; once every item was sent it waits for the answer.
+        *_each(
+            (_S.ANNOUNCED, _S.SERVING, _S.ACKED_EARLY, _S.DOUBTING, _S.BACKING_OFF),
+            _E.REQUEST,
+            _S.SERVING,
+            "send_items",
+        ),
+        *_each((_S.CONFIRMING, _S.RECHECKING), _E.REQUEST, _S.CONFIRMING, "send_items"),
+        *_each(_LIVE, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
+        *_each((_S.ANNOUNCED, *_UNDER_WAY), _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
+        *_each(_LIVE, _E.ACK_REFUSED, _S.REFUSED),
+        *_each(_UNDER_WAY, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
+        *_each(_UNDER_WAY, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
+        *_each((_S.ANNOUNCED, _S.SERVING, _S.CONFIRMING), _E.NO_PROGRESS, _S.STUCK, "send_cancel"),
+        *_each(_LIVE, _E.CANCEL, _S.CANCELLING, "send_cancel"),
+        *(
+            row
+            for state in _UNDER_WAY
+            for row in staying(state, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE)
+        ),
+        #
         Row(_S.ANNOUNCED, _E.ACK_EMPTIED, _S.ACCEPTED),
-        Row(_S.ANNOUNCED, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
         # PX4 reports "busy with another ground station" as ERROR.
         Row(_S.ANNOUNCED, _E.ACK_ERROR, _S.BACKING_OFF, "note_busy"),
-        Row(_S.ANNOUNCED, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.ANNOUNCED, _E.RESEND, _S.ANNOUNCED, "resend_count"),
         Row(_S.ANNOUNCED, _E.GIVE_UP, _S.SILENT),
         Row(_S.ANNOUNCED, _E.ACK_EARLY, _S.ACCEPTED_EARLY, "send_cancel"),
         # Leftovers of an earlier transfer: its acknowledgement, its requests, the vehicle giving it up.
-        *staying(_S.ANNOUNCED, _E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_CANCELLED),
+        *staying(_S.ANNOUNCED, _E.REQUEST_UNKNOWN, *_STRAY_ACKS),
         #
-        Row(_S.SERVING, _E.REQUEST, _S.SERVING, "send_items"),
-        Row(_S.SERVING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
-        Row(_S.SERVING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
         # PX4 answers a late duplicate of COUNT so, and goes on with the transfer.
         Row(_S.SERVING, _E.ACK_ERROR, _S.DOUBTING),
-        Row(_S.SERVING, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.SERVING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
-        Row(_S.SERVING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         Row(_S.SERVING, _E.RESEND, _S.SERVING, "resend_items"),
         Row(_S.SERVING, _E.RESEND_LAST, _S.CONFIRMING, "resend_items"),
         Row(_S.SERVING, _E.STALL, _S.ANNOUNCED, "begin_anew"),
         # It may belong to an earlier transfer; then this one goes on.
         Row(_S.SERVING, _E.ACK_ACCEPTED, _S.ACKED_EARLY),
-        *staying(_S.SERVING, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE),
         #
-        Row(_S.ACKED_EARLY, _E.REQUEST, _S.SERVING, "send_items"),
-        Row(_S.ACKED_EARLY, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
         Row(_S.ACKED_EARLY, _E.ACK_ACCEPTED, _S.ACCEPTED_EARLY, "send_cancel"),
-        Row(_S.ACKED_EARLY, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
-        Row(_S.ACKED_EARLY, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.ACKED_EARLY, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
-        Row(_S.ACKED_EARLY, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         # Sent although it may be the last: an acknowledgement is no proof here any more.
-        Row(_S.ACKED_EARLY, _E.RESEND, _S.ACKED_EARLY, "resend_items"),
-        Row(_S.ACKED_EARLY, _E.RESEND_LAST, _S.ACKED_EARLY, "resend_items"),
+        *staying(_S.ACKED_EARLY, _E.RESEND, _E.RESEND_LAST, action="resend_items"),
         Row(_S.ACKED_EARLY, _E.DOUBT_OVER, _S.ACCEPTED_EARLY, "send_cancel"),
-        *staying(_S.ACKED_EARLY, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR),
+        *staying(_S.ACKED_EARLY, _E.ACK_ERROR),
         #
-        Row(_S.CONFIRMING, _E.REQUEST, _S.CONFIRMING, "send_items"),
-        Row(_S.CONFIRMING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
         Row(_S.CONFIRMING, _E.ACK_ACCEPTED, _S.ACCEPTED),
-        Row(_S.CONFIRMING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
         # Autopilots answer an item so when they have the whole list already and their acknowledgement was lost.
         Row(_S.CONFIRMING, _E.ACK_ERROR, _S.RECHECKING),
-        Row(_S.CONFIRMING, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.CONFIRMING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
-        Row(_S.CONFIRMING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
-        Row(_S.CONFIRMING, _E.RESEND, _S.CONFIRMING, "resend_items"),
-        Row(_S.CONFIRMING, _E.RESEND_LAST, _S.CONFIRMING, "resend_items"),
+        *staying(_S.CONFIRMING, _E.RESEND, _E.RESEND_LAST, action="resend_items"),
         Row(_S.CONFIRMING, _E.STALL, _S.UNCONFIRMED),
-        *staying(_S.CONFIRMING, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE),
         #
-        Row(_S.RECHECKING, _E.REQUEST, _S.CONFIRMING, "send_items"),
-        Row(_S.RECHECKING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
         # PX4 answers the last item but one with ERROR and the last with ACCEPTED, once it has them.
         Row(_S.RECHECKING, _E.ACK_ACCEPTED, _S.ACCEPTED),
-        Row(_S.RECHECKING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
-        Row(_S.RECHECKING, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.RECHECKING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
-        Row(_S.RECHECKING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         Row(_S.RECHECKING, _E.DOUBT_OVER, _S.UNCONFIRMED),
-        *staying(_S.RECHECKING, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_SEQUENCE, _E.ACK_ERROR),
+        *staying(_S.RECHECKING, _E.ACK_ERROR),
         #
-        Row(_S.DOUBTING, _E.REQUEST, _S.SERVING, "send_items"),
-        Row(_S.DOUBTING, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
-        Row(_S.DOUBTING, _E.ACK_BUSY, _S.BACKING_OFF, "note_busy"),
-        Row(_S.DOUBTING, _E.ACK_REFUSED, _S.REFUSED),
-        Row(_S.DOUBTING, _E.ACK_GAVE_UP, _S.ANNOUNCED, "restart"),
-        Row(_S.DOUBTING, _E.ACK_CANCELLED, _S.VEHICLE_CANCELLED),
         Row(_S.DOUBTING, _E.RESEND, _S.DOUBTING, "resend_items"),
         Row(_S.DOUBTING, _E.RESEND_LAST, _S.RECHECKING, "resend_items"),
         # The vehicle may have given up, and the message that said so was lost.
         Row(_S.DOUBTING, _E.DOUBT_OVER, _S.ANNOUNCED, "restart"),
         Row(_S.DOUBTING, _E.DOUBT_CONFIRMED, _S.REFUSED),
-        *staying(_S.DOUBTING, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_ACCEPTED, _E.ACK_SEQUENCE, _E.ACK_ERROR),
+        *staying(_S.DOUBTING, _E.ACK_ACCEPTED, _E.ACK_ERROR),
         #
-        Row(_S.BACKING_OFF, _E.REQUEST, _S.SERVING, "send_items"),
-        Row(_S.BACKING_OFF, _E.REQUEST_LAST, _S.CONFIRMING, "send_items"),
         Row(_S.BACKING_OFF, _E.ACK_EMPTIED, _S.ACCEPTED),
-        Row(_S.BACKING_OFF, _E.ACK_REFUSED, _S.REFUSED),
         Row(_S.BACKING_OFF, _E.RETRY, _S.ANNOUNCED, "ask_anew"),
         Row(_S.BACKING_OFF, _E.EXHAUSTED, _S.REFUSED),
-        *staying(
-            _S.BACKING_OFF,
-            _E.REQUEST_CROSSED,
-            _E.REQUEST_UNKNOWN,
-            _E.ACK_ACCEPTED,
-            _E.ACK_BUSY,
-            _E.ACK_SEQUENCE,
-            _E.ACK_ERROR,
-            _E.ACK_CANCELLED,
-        ),
+        *staying(_S.BACKING_OFF, _E.REQUEST_CROSSED, _E.REQUEST_UNKNOWN, _E.ACK_BUSY, _E.ACK_ERROR, *_STRAY_ACKS),
         #
-        *(Row(state, _E.NO_PROGRESS, _S.STUCK, "send_cancel") for state in _WITHOUT_AN_END),
-        *(Row(state, _E.CANCEL, _S.CANCELLING, "send_cancel") for state in _LIVE),
-        *(
-            Row(_S.CANCELLING, event, _S.CANCELLING, "send_cancel")
-            for event in (_E.REQUEST, _E.REQUEST_LAST, _E.REQUEST_UNKNOWN)
-        ),
-        *(Row(_S.CANCELLING, event, _S.CANCELLED) for event in _ALL_ACKS),
-        Row(_S.CANCELLING, _E.LINGER_OVER, _S.CANCELLED),
+        *staying(_S.CANCELLING, _E.REQUEST, _E.REQUEST_LAST, _E.REQUEST_UNKNOWN, action="send_cancel"),
+        *(Row(_S.CANCELLING, event, _S.CANCELLED) for event in (*_ALL_ACKS, _E.LINGER_OVER)),
         *staying(_S.CANCELLING, _E.CANCEL, _E.REQUEST_CROSSED),
     ]
 )
