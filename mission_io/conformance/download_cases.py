@@ -37,6 +37,12 @@ def _listed(p: Probe, t: MissionType) -> int:
     return answer.count
 
 
+def _begun(p: Probe) -> tuple[tuple[MissionItem, ...], int]:
+    """Have the vehicle hold a mission, and begin to download it: its items, and the number that it announces."""
+    held = p.hold_sample(_MISSION, PROBE.listed_items)
+    return held, _listed(p, _MISSION)
+
+
 def _item(p: Probe, t: MissionType, seq: int) -> m.MissionItemInt | m.MissionItemFloat:
     """Request an item and return it."""
     answer = p.ask(m.MissionRequestInt(*p.to, seq, t), t, (*ITEMS, m.MissionAck))
@@ -82,27 +88,30 @@ def no_items(t: MissionType, p: Probe) -> str:
     return f"COUNT {count}"
 
 
+def _served_once_more(p: Probe, held: tuple[MissionItem, ...], answer: m.Message | None) -> str:
+    """After an odd request with any answer, a new download is served."""
+    p.rest()
+    _check_items(p, _MISSION, held, _rest_of(p, _MISSION, _listed(p, _MISSION)))
+    return f"answered with {described(answer)}; a new download was served"
+
+
 def int_items(p: Probe) -> str:
     """MISSION_REQUEST_INT is answered with MISSION_ITEM_INT."""
-    p.hold_sample(_MISSION, PROBE.listed_items)
-    got = _rest_of(p, _MISSION, _listed(p, _MISSION))
-    floats = [got.seq for got in got if isinstance(got, m.MissionItemFloat)]
+    floats = [got.seq for got in _rest_of(p, _MISSION, _begun(p)[1]) if isinstance(got, m.MissionItemFloat)]
     check(not floats, f"items {floats} came as MISSION_ITEM")
     return "all as MISSION_ITEM_INT"
 
 
 def int_frames(p: Probe) -> str:
     """MISSION_ITEM_INT requires the frames whose names end in INT."""
-    p.hold_sample(_MISSION, PROBE.listed_items)
-    frames = {got.frame for got in _rest_of(p, _MISSION, _listed(p, _MISSION)) if isinstance(got, m.MissionItemInt)}
+    frames = {got.frame for got in _rest_of(p, _MISSION, _begun(p)[1]) if isinstance(got, m.MissionItemInt)}
     check(frames <= set(_INT_FRAMES), f"frames {sorted(frames)}: not those of integers")
     return f"frames {sorted(frames)}"
 
 
 def old_request(p: Probe) -> str:
     """MISSION_REQUEST is answered as MISSION_REQUEST_INT is."""
-    p.hold_sample(_MISSION, PROBE.listed_items)
-    _listed(p, _MISSION)
+    _begun(p)
     answer = p.ask(m.MissionRequest(*p.to, 0, _MISSION), _MISSION, (*ITEMS, m.MissionAck))
     p.send(p.ack(MissionResult.OPERATION_CANCELLED))
     if isinstance(answer, m.MissionAck):
@@ -113,8 +122,7 @@ def old_request(p: Probe) -> str:
 
 def list_twice(p: Probe) -> str:
     """The list is requested again after its count was lost."""
-    held = p.hold_sample(_MISSION, PROBE.listed_items)
-    _listed(p, _MISSION)
+    held, _ = _begun(p)
     count = _listed(p, _MISSION)
     check(count == PROBE.listed_items, f"COUNT {count} the second time")
     _check_items(p, _MISSION, held, _rest_of(p, _MISSION, count))
@@ -123,8 +131,7 @@ def list_twice(p: Probe) -> str:
 
 def item_twice(p: Probe) -> str:
     """An item is requested again after it was lost."""
-    held = p.hold_sample(_MISSION, PROBE.listed_items)
-    count = _listed(p, _MISSION)
+    held, count = _begun(p)
     got = []
     for seq in range(count):
         first, second = _item(p, _MISSION, seq), _item(p, _MISSION, seq)
@@ -137,28 +144,22 @@ def item_twice(p: Probe) -> str:
 
 def beyond(p: Probe) -> str:
     """An item that does not exist: an error, or nothing; and the vehicle serves on."""
-    held = p.hold_sample(_MISSION, PROBE.listed_items)
-    count = _listed(p, _MISSION)
+    held, count = _begun(p)
     p.send(m.MissionRequestInt(*p.to, count + 3, _MISSION))
     answer = p.answer(_MISSION, PROBE.answer_s / 2.0, (*ITEMS, m.MissionAck))
     check(not isinstance(answer, ITEMS), f"item {count + 3} of {count} came")
     if isinstance(answer, m.MissionAck):
         check(answer.result != MissionResult.ACCEPTED, f"item {count + 3} of {count}: ACK ACCEPTED")
-    p.rest()
-    _check_items(p, _MISSION, held, _rest_of(p, _MISSION, _listed(p, _MISSION)))
-    return f"answered with {described(answer)}; a new download was served"
+    return _served_once_more(p, held, answer)
 
 
 def skipping(p: Probe) -> str:
     """Item 2 before item 0; after any answer, a new download is served."""
-    held = p.hold_sample(_MISSION, PROBE.listed_items)
-    _listed(p, _MISSION)
+    held, _ = _begun(p)
     p.send(m.MissionRequestInt(*p.to, 2, _MISSION))
     answer = p.answer(_MISSION, PROBE.answer_s / 2.0, (*ITEMS, m.MissionAck))
     check(not isinstance(answer, ITEMS) or seq_of(answer) == 2, f"requested item 2, received item {seq_of(answer)}")
-    p.rest()
-    _check_items(p, _MISSION, held, _rest_of(p, _MISSION, _listed(p, _MISSION)))
-    return f"answered with {described(answer)}; a new download was served"
+    return _served_once_more(p, held, answer)
 
 
 def _upload_taken(p: Probe) -> float:
@@ -179,15 +180,13 @@ def _upload_taken(p: Probe) -> float:
 
 def abandoned(p: Probe) -> str:
     """A station that requested the list and disappeared does not block others for ever."""
-    p.hold_sample(_MISSION, PROBE.listed_items)
-    _listed(p, _MISSION)
+    _begun(p)
     return f"an upload was accepted {_upload_taken(p):.1f} s later"
 
 
 def cancelled(p: Probe) -> str:
     """A cancelled download leaves the vehicle idle."""
-    p.hold_sample(_MISSION, PROBE.listed_items)
-    _listed(p, _MISSION)
+    _begun(p)
     _item(p, _MISSION, 0)
     p.send(p.ack(MissionResult.OPERATION_CANCELLED))
     waited_s = _upload_taken(p)
@@ -197,8 +196,7 @@ def cancelled(p: Probe) -> str:
 
 def slow(p: Probe) -> str:
     """A station that takes more than a second for each request."""
-    held = p.hold_sample(_MISSION, PROBE.listed_items)
-    count = _listed(p, _MISSION)
+    held, count = _begun(p)
     got = []
     for seq in range(count):
         p.quiet(PROBE.slow_s)
