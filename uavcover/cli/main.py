@@ -15,6 +15,7 @@ from typing import Any
 
 import typer
 
+from mission_io.data_tables import read_document
 from mission_io.model.plain_text import plain_lines, plain_text, plain_values
 from uavcover.cli.console import stop_signals
 from uavcover.cli.options import Overview, one_by_one
@@ -93,118 +94,12 @@ def _load(name: str, title: str, entry: Entry) -> Any:
     return group.commands[name]
 
 
-_CORE: dict[str, dict[str, Entry]] = {
-    "Start": {
-        "demo": (
-            "uavcover.cli.demo",
-            "plan, fly and verify a mission with a mock vehicle",
-            ("uavcover demo", "uavcover demo -o RUN --autopilot px4"),
-        ),
-        "doctor": (
-            "uavcover.cli.doctor",
-            "check the installation",
-            ("uavcover doctor", "uavcover doctor --compile"),
-        ),
-    },
-    "Plan": {
-        "new": (
-            "uavcover.cli.new",
-            "create a scenario from an area and a camera",
-            (
-                "uavcover new area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o survey.toml",
-                "uavcover new --camera list",
-            ),
-        ),
-        "plan": (
-            "uavcover.cli.plan",
-            "plan a route and write its mission files",
-            (
-                "uavcover plan jacksboro -o RUN --budget 30s",
-                "uavcover plan area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o RUN",
-            ),
-        ),
-        "pareto": (
-            "uavcover.cli.plan",
-            "list the routes of a plan; choose another route",
-            ("uavcover pareto RUN", "uavcover pareto RUN --plot tradeoff.png"),
-        ),
-        "select": (
-            "uavcover.cli.plan",
-            "",
-            ("uavcover select RUN knee", 'uavcover select RUN "coverage>=0.98"'),
-        ),
-    },
-    "Vehicle": {
-        "plan-upload": (
-            "uavcover.cli.transfers",
-            "check the mission, upload it and read it back",
-            (
-                "uavcover plan-upload RUN --to udp:127.0.0.1:14550",
-                "uavcover plan-upload area.toml --to /dev/ttyACM0 --link telemetry-radio",
-            ),
-        ),
-        "upload": (
-            "uavcover.cli.transfers",
-            "upload a .waypoints or .plan file and read it back",
-            (
-                "uavcover upload mission.waypoints --to udp:127.0.0.1:14550",
-                "uavcover upload fence.plan --type fence --to tcp:127.0.0.1:5760",
-            ),
-        ),
-        "download": (
-            "uavcover.cli.transfers",
-            "download or clear the mission, fence or rally points",
-            (
-                "uavcover download --from udp:127.0.0.1:14550 -o mission.waypoints",
-                "uavcover download --from tcp:127.0.0.1:5760 --type all -o all.plan",
-            ),
-        ),
-        "clear": (
-            "uavcover.cli.transfers",
-            "",
-            ("uavcover clear --to udp:127.0.0.1:14550", "uavcover clear --to udp:127.0.0.1:14550 --type fence"),
-        ),
-        "fly": (
-            "uavcover.cli.fly",
-            "arm, fly the mission, record the flight and land",
-            ("uavcover fly RUN --to mock:", "uavcover fly RUN --to udp:127.0.0.1:14550 --resume"),
-        ),
-        "mock-vehicle": (
-            "uavcover.cli.fly",
-            "simulate a MAVLink vehicle for any ground station",
-            (
-                "uavcover mock-vehicle --listen udpin://127.0.0.1:14550",
-                "uavcover mock-vehicle --listen tcpin://127.0.0.1:5760 --autopilot px4 --loss 0.2",
-            ),
-        ),
-    },
-    "After": {
-        "verify": (
-            "uavcover.cli.after_flight",
-            "judge the coverage and safety of a flight",
-            (
-                "uavcover verify RUN --log flight.bin",
-                "uavcover verify flight.bin --photos DCIM/ --area area.kml --dem dem.tif",
-            ),
-        ),
-        "gaps": (
-            "uavcover.cli.after_flight",
-            "plan a mission for unobserved cells",
-            ("uavcover gaps RUN", "uavcover gaps RUN --target 0.98 --min-area 50"),
-        ),
-        "report": (
-            "uavcover.cli.after_flight",
-            "write an HTML report of a run",
-            ("uavcover report RUN", "uavcover report RUN -o flight.html"),
-        ),
-        "inspect": (
-            "uavcover.cli.after_flight",
-            "show the recording in 3D, as text or as an image",
-            ("uavcover inspect RUN", "uavcover inspect RUN --screenshot flight.png"),
-        ),
-    },
-}
-"""By group and name: the module that has the command under its name, what the overview says of it, and examples."""
+def _core_commands() -> Groups:
+    """The core's own commands."""
+    return {
+        title: {name: (row["module"], row["short"], tuple(row["examples"])) for name, row in rows.items()}
+        for title, rows in read_document("uavcover/data/commands.toml").items()
+    }
 
 
 def _with_extras(core: Groups) -> Groups:
@@ -217,7 +112,7 @@ def _with_extras(core: Groups) -> Groups:
     return groups
 
 
-_GROUPS: Groups = _with_extras(_CORE)
+_GROUPS: Groups = _with_extras(_core_commands())
 
 app = typer.Typer(
     name="uavcover",
