@@ -1,9 +1,11 @@
 """Conversations written as short scripts, played to a state machine on a clock that stands still between steps.
 
 A step is ``req 2``, ``count 3``, ``item 0``, ``list``, ``clear``, ``ack DENIED``, ``wait 1.5`` (seconds) or ``cancel``.
-What the machine sends is written the same way. ``@2`` after a step: from system 2; ``/rally``: about the rally points.
+What the machine sends is written the same way. ``@2`` after a step: from system 2; ``/rally``: about the rally points;
+``3 * (req 0, wait 1)``: the same steps three times.
 """
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,7 +94,8 @@ def text(sent: m.Message) -> str:
 def play(machine: Any, steps: str, *, sender: Address, to: Address, now: float = 0.0) -> list[str]:
     """Play the steps; what was sent during the last one. The machine is polled at its timers, as a driver would."""
     sent = [text(it) for it in machine.messages_to_send(now)]
-    for step in filter(None, (step.strip() for step in steps.split(","))):
+    written_out = re.sub(r"(\d+) \* \((.*?)\)", lambda found: ", ".join([found[2]] * int(found[1])), steps)
+    for step in filter(None, (step.strip() for step in written_out.split(","))):
         sent = []
         if step.startswith("wait "):
             end = now + float(step.split()[1])
