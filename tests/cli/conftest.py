@@ -108,18 +108,19 @@ def mock_vehicle(*arguments: object) -> Iterator[tuple[int, subprocess.Popen[str
 
 @pytest.fixture
 def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
-    """A command in this process."""
+    """A command in this process; ``code`` is how it has to end, where the test says so."""
 
-    def run(*arguments: object) -> Ended:
+    def run(*arguments: object, code: int | None = None) -> Ended:
         capsys.readouterr()
         before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
         try:
-            code = run_app(app, [str(argument) for argument in arguments])
+            ended_with = run_app(app, [str(argument) for argument in arguments])
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
         out, err = capsys.readouterr()
-        return Ended(code, out, err)
+        assert code in (None, ended_with), f"exit code {ended_with}: {err}"
+        return Ended(ended_with, out, err)
 
     return run
 

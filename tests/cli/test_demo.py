@@ -67,15 +67,11 @@ def test_run_json_says_where_it_comes_from(demo_run: DemoRun) -> None:
 
 
 def test_nothing_is_overwritten_without_force(cli: Cli, demo_run: DemoRun) -> None:
-    ended = cli("demo", "-o", demo_run.folder)
-    assert ended.code == 2
-    assert "--force" in ended.err
+    assert "--force" in cli("demo", "-o", demo_run.folder, code=2).err
 
 
 def test_scenario_without_a_place_is_refused_before_planning(cli: Cli, tmp_path: object) -> None:
-    ended = cli("demo", "-o", f"{tmp_path}/run", "--scenario", "paper-R2")
-    assert ended.code == 2
-    assert "no position on Earth" in ended.error
+    assert "no position on Earth" in cli("demo", "-o", f"{tmp_path}/run", "--scenario", "paper-R2", code=2).error
 
 
 def test_bad_speed(cli: Cli, tmp_path: object) -> None:

@@ -17,13 +17,11 @@ from tests.mission_io.vehicle import VehiclePeer
 def test_what_was_uploaded_comes_back(cli: Cli, planned: Path, tmp_path: Path) -> None:
     with mock_vehicle() as (port, _):
         url = f"udpout://127.0.0.1:{port}"
-        assert cli("upload", planned / "mission.plan", "--to", url).code == 0
-        every = cli("download", "--from", url, "-o", tmp_path / "all.plan", "--type", "all", "--json")
-        assert every.code == 0
+        cli("upload", planned / "mission.plan", "--to", url, code=0)
+        every = cli("download", "--from", url, "-o", tmp_path / "all.plan", "--type", "all", "--json", code=0)
         for kind in ("mission", "fence", "rally"):
-            assert cli("download", "--from", url, "-o", tmp_path / f"{kind}.waypoints", "--type", kind).code == 0
-        again = cli("upload", tmp_path / "all.plan", "--to", url, "--json")
-        assert again.document["passed"] is True
+            cli("download", "--from", url, "-o", tmp_path / f"{kind}.waypoints", "--type", kind, code=0)
+        assert cli("upload", tmp_path / "all.plan", "--to", url, "--json").document["passed"] is True
     sent = wpl.read((planned / "mission.waypoints").read_text()).mission()
     got = wpl.read((tmp_path / "mission.waypoints").read_text()).mission()
     assert [item.command for item in got.items] == [item.command for item in sent.items]
@@ -47,15 +45,12 @@ def test_bad_usage(cli: Cli, tmp_path: Path) -> None:
         (tmp_path / "x.waypoints", "all", "one list"),
         (tmp_path / "x.plan", "geofence", "--type"),
     ):
-        ended = cli("download", "--from", "mock:", "-o", out, "--type", kind)
-        assert ended.code == 2
-        assert telling in ended.error
+        assert telling in cli("download", "--from", "mock:", "-o", out, "--type", kind, code=2).error
     assert taken.read_text() == "mine"
 
 
 def test_unwritable_place(cli: Cli) -> None:
-    ended = cli("download", "--from", "mock:", "-o", "/proc/x.plan", "--type", "all")
-    assert ended.code == 2
+    ended = cli("download", "--from", "mock:", "-o", "/proc/x.plan", "--type", "all", code=2)
     assert "/proc/x.plan: the file cannot be written" in ended.error
 
 
@@ -68,14 +63,13 @@ def held(port: int) -> list[int]:
 def test_lists_are_emptied_as_asked(cli: Cli, planned: Path) -> None:
     with mock_vehicle() as (port, _):
         url = f"udpout://127.0.0.1:{port}"
-        assert cli("upload", planned / "mission.plan", "--to", url).code == 0
+        cli("upload", planned / "mission.plan", "--to", url, code=0)
         mission, fence, rally = held(port)
         assert min(mission, fence, rally) > 0
         ended = cli("clear", "--to", url, "--type", "fence", "--json")
         assert (ended.code, ended.document) == (0, {"cleared": ["fence"]})
         assert held(port) == [mission, 0, rally]
-        ended = cli("clear", "--to", url)
-        assert ended.out == "mission: cleared (read back as empty)\n"
+        assert cli("clear", "--to", url).out == "mission: cleared (read back as empty)\n"
         assert held(port) == [0, 0, rally]
         assert cli("clear", "--to", url, "--type", "all", "--json").document["cleared"] == ["mission", "fence", "rally"]
         assert held(port) == [0, 0, 0]
@@ -89,7 +83,7 @@ def test_an_armed_vehicle_is_left_alone_unless_it_is_meant(cli: Cli) -> None:
     with flying_on(link, peer):
         ended = cli("clear", "--to", url)
         assert (ended.code, "is armed" in ended.error) == (2, True)
-        assert cli("clear", "--to", url, "--in-flight").code == 0
+        cli("clear", "--to", url, "--in-flight", code=0)
 
 
 def test_bad_usage_and_nobody_there(cli: Cli) -> None:
@@ -109,6 +103,5 @@ def test_ctrl_c_says_what_is_cleared(cli: Cli, monkeypatch: pytest.MonkeyPatch) 
         original(self, mission_type, in_flight=in_flight)
 
     monkeypatch.setattr(Client, "clear", interrupted_at_the_fence)
-    ended = cli("clear", "--to", "mock:", "--type", "all")
-    assert ended.code == 130
+    ended = cli("clear", "--to", "mock:", "--type", "all", code=130)
     assert "cleared: mission; possibly not cleared: fence, rally" in ended.err

@@ -26,10 +26,9 @@ def test_whole_flight_on_the_mock_of_this_process(cli: Cli, flown: Path) -> None
     (flown / "resumed-1").mkdir()
     (flown / "resumed-1" / "track.csv").write_bytes(before)
     note_files(RunFolder(flown), "fly --resume", ["resumed-1/track.csv"], command=["test"])
-    assert cli("fly", flown, "--to", "mock:").code == 2, "a track is there"
+    cli("fly", flown, "--to", "mock:", code=2)
     assert (flown / "track.csv").read_bytes() == before
-    ended = cli("fly", flown, "--to", "mock:", "--mock-speed", 200, "--force", "--json")
-    assert ended.code == 0, ended.err
+    ended = cli("fly", flown, "--to", "mock:", "--mock-speed", 200, "--force", "--json", code=0)
     assert ended.document["ending"] == "landed"
     assert ended.document["simulated_by"] == "uavcover's mock vehicle"
     assert (flown / "track.csv").read_bytes() != before
@@ -99,7 +98,7 @@ def test_total_link_loss_at_speed_is_found(cli: Cli, planned: Path) -> None:
 
 def upload(cli: Cli, run: Path, port: int) -> str:
     url = f"udpout://127.0.0.1:{port}"
-    assert cli("plan-upload", run, "--to", url).code == 0
+    cli("plan-upload", run, "--to", url, code=0)
     return url
 
 
@@ -201,14 +200,11 @@ def test_pause_makes_it_wait_and_go_on(cli: Cli, planned: Path) -> None:
 
 
 def test_bad_usage(cli: Cli, tmp_path: Path) -> None:
-    ended = cli("fly", tmp_path / "nope", "--to", "mock:")
-    assert ended.code == 2
-    assert "no such run folder" in ended.error
+    assert "no such run folder" in cli("fly", tmp_path / "nope", "--to", "mock:", code=2).error
 
 
 def test_a_run_of_which_nothing_was_flown_is_not_resumed_on_the_ground(cli: Cli, planned: Path) -> None:
-    ended = cli("fly", planned, "--resume", "--to", "mock:")
-    assert ended.code == 2
+    ended = cli("fly", planned, "--resume", "--to", "mock:", code=2)
     assert "the vehicle is on the ground; run fly without --resume" in ended.error
 
 
@@ -240,9 +236,7 @@ def test_a_killed_flight_is_resumed_in_the_air(cli: Cli, planned: Path) -> None:
     assert verdict.document["track"] == "track.csv, resumed-1/track.csv"
     assert verdict.document["coverage_fraction"] > 0.97, verdict.document["reasons"]
     assert verdict.document["violations"] == []
-    again = cli("fly", planned, "--to", "mock:", "--resume", "--json")
-    assert again.code == 0
-    assert again.document["waypoints_left"] == 0
+    assert cli("fly", planned, "--to", "mock:", "--resume", "--json", code=0).document["waypoints_left"] == 0
 
 
 def test_the_map_of_a_flight_is_a_process_of_its_own_that_ends_with_it(

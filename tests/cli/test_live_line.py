@@ -93,8 +93,7 @@ def test_quiet_is_quiet_and_json_is_clean(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_a_flight_counts_from_its_take_off(cli: Cli, flown: Path) -> None:
-    ended = cli("fly", flown, "--to", "mock:", "--mock-speed", 200, "--force")
-    lines = ended.out.splitlines()
+    lines = cli("fly", flown, "--to", "mock:", "--mock-speed", 200, "--force").out.splitlines()
     (take_off,) = [line for line in lines if line.endswith(" s in the air")]
     assert float(take_off.split()[0]) < 2.0
     shown = [line.split() for line in lines if " AGL, " in line]

@@ -25,8 +25,7 @@ def test_overview_fits_a_small_terminal(arguments: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_help_and_the_common_options(cli: Cli, name: str) -> None:
-    ended = cli(name, "--help")
-    assert ended.code == 0
+    ended = cli(name, "--help", code=0)
     for option in ("--json", "-q, --quiet", "-v, --verbose"):
         assert option in ended.out
 
@@ -42,8 +41,7 @@ def test_every_command_has_help_and_the_common_options(cli: Cli, name: str) -> N
     ],
 )
 def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], telling: str) -> None:
-    ended = cli(*arguments)
-    assert ended.code == 2
+    ended = cli(*arguments, code=2)
     assert telling in ended.error
     assert ended.error.endswith("--help")
     assert ended.out == ""
@@ -58,14 +56,11 @@ def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], telling: st
     ],
 )
 def test_a_folder_that_cannot_be_is_named(cli: Cli, out: str, telling: str) -> None:
-    ended = cli("plan", "paper-planar", "-o", out, "--evaluations", "50")
-    assert ended.code == 2
-    assert ended.error.endswith(telling)
+    assert cli("plan", "paper-planar", "-o", out, "--evaluations", "50", code=2).error.endswith(telling)
 
 
 def test_errors_are_objects_under_json(cli: Cli) -> None:
-    ended = cli("verify", "nowhere", "--json")
-    assert ended.code == 2
+    ended = cli("verify", "nowhere", "--json", code=2)
     assert ended.document["exit_code"] == 2
     assert ended.error == f"error: {ended.document['error']}"
 

@@ -36,8 +36,7 @@ def tennessee(tmp_path_factory):
 def test_a_foreign_place_is_one_command(cli, tmp_path, place, form):
     dem = dem_at(tmp_path, place)
     area = getattr(written, form)(tmp_path / f"area.{form}", square_parts(place))
-    ended = cli("new", area, *options(dem), "--battery", "25min", "-o", tmp_path / "survey.toml", "--json")
-    assert ended.code == 0, ended.err
+    ended = cli("new", area, *options(dem), "--battery", "25min", "-o", tmp_path / "survey.toml", "--json", code=0)
     site = load_site(tmp_path / "survey.toml")
     document = ended.document
     assert document["area_m2"] == pytest.approx(SIZE_M**2 * (1.0 - 0.09), rel=0.02)
@@ -54,7 +53,7 @@ def test_a_foreign_place_is_one_command(cli, tmp_path, place, form):
 
 def test_every_key_has_its_reason_and_the_file_is_whole(cli, tennessee, tmp_path):
     path = tmp_path / "survey.toml"
-    assert cli("new", tennessee / "area.kml", *options(tennessee / "dem.tif"), "-o", path).code == 0
+    cli("new", tennessee / "area.kml", *options(tennessee / "dem.tif"), "-o", path, code=0)
     text = path.read_text(encoding="utf-8")
     for line in text.splitlines():
         if " = " in line and not line.startswith("#"):
@@ -89,9 +88,9 @@ def test_a_file_that_is_there_is_never_replaced_unasked(cli, tennessee, tmp_path
     path = tmp_path / "a.toml"
     path.write_text("mine", encoding="utf-8")
     arguments = ("new", tennessee / "area.kml", *options(tennessee / "dem.tif"), "-o", path)
-    assert cli(*arguments).code == 2
+    cli(*arguments, code=2)
     assert path.read_text(encoding="utf-8") == "mine"
-    assert cli(*arguments, "--force").code == 0
+    cli(*arguments, "--force", code=0)
     assert load_scenario(path).name == "field-1"
 
 
@@ -102,10 +101,18 @@ def test_boxes_circles_and_text(cli, tennessee, tmp_path):
     }  # fmt: skip
     for name, area in areas.items():
         path = tmp_path / f"{name}.toml"
-        ended = cli(
-            "new", area, *options(tennessee / "dem.tif"), "--margin", "0", "-o", path, "--vertical-datum", "egm2008"
+        cli(
+            "new",
+            area,
+            *options(tennessee / "dem.tif"),
+            "--margin",
+            "0",
+            "-o",
+            path,
+            "--vertical-datum",
+            "egm2008",
+            code=0,
         )
-        assert ended.code == 0, ended.err
         scenario = load_scenario(path)
         assert scenario.area.margin_m == 0.0
         assert scenario.terrain.vertical_datum == "EGM2008"
@@ -113,11 +120,10 @@ def test_boxes_circles_and_text(cli, tennessee, tmp_path):
 
 def test_options_of_the_vehicle_reach_the_scenario(cli, tennessee, tmp_path):
     path = tmp_path / "a.toml"
-    ended = cli(
+    cli(
         "new", tennessee / "area.kml", *options(tennessee / "dem.tif"), "-o", path, "--vehicle", "PX4",
         "--home", "36.4795,-84.2205", "--max-height", "80m", "--mount", "fixed", "--overlap", "80/60", "--speed", "4m/s",
-    )  # fmt: skip
-    assert ended.code == 0, ended.err
+     code=0)  # fmt: skip
     scenario = load_scenario(path)
     assert (scenario.vehicle.autopilot, scenario.vehicle.cruise_speed_m_s) == ("px4", 4.0)
     assert (scenario.home.lat_deg, scenario.home.lon_deg) == (36.4795, -84.2205)
@@ -127,8 +133,7 @@ def test_options_of_the_vehicle_reach_the_scenario(cli, tennessee, tmp_path):
 
 
 def test_lists(cli):
-    ended = cli("new", "--camera", "list")
-    assert ended.code == 0
+    ended = cli("new", "--camera", "list", code=0)
     assert "sony-a7r4-35mm" in ended.out
     assert "unknown" in ended.out
     assert "dji-m350-rtk" in cli("new", "--vehicle", "list", "--json").document["vehicles"]
@@ -152,8 +157,7 @@ LAKE_PLACE = "southern hemisphere, UTM"
 def test_a_lake_in_a_hole_does_not_matter(cli, tmp_path):
     dem = with_lake(tmp_path, LAKE_PLACE, half_m=50.0)
     area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE))
-    ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
-    assert ended.code == 0, ended.err
+    ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml", code=0)
     assert "gaps of up to 130 m in holes of the area" in ended.err
     site = load_site(tmp_path / "s.toml")
     assert 100.0 <= site.scenario.terrain.fill_no_data_m <= 150.0
@@ -163,13 +167,12 @@ def test_a_lake_in_a_hole_does_not_matter(cli, tmp_path):
 def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
     dem = with_lake(tmp_path, LAKE_PLACE, half_m=50.0)
     area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE, hole=False))
-    ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
-    assert ended.code == 2
+    ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml", code=2)
     assert (
         "interpolate the gap with --fill-lakes 130m, treat it as the sea with --water-height 0m, exclude it from the area"
         in ended.error
     )
-    assert cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m").code == 0
+    cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m", code=0)
     assert load_scenario(tmp_path / "s.toml").terrain.fill_no_data_m == 130.0
 
 
@@ -210,9 +213,9 @@ def test_tiles_bands_and_feet_reach_the_scenario(cli, tmp_path):
             "FT",
             "-o",
             path,
+            code=0,
         )
-        assert ended.code == 0, ended.err
-        assert cli("new", area, *options(dem), "-o", tmp_path / "whole.toml", "--force").code == 0
+        cli("new", area, *options(dem), "-o", tmp_path / "whole.toml", "--force", code=0)
         tiles, whole = load_site(path), load_site(tmp_path / "whole.toml")
         places = np.random.default_rng(1).uniform(-250.0, 250.0, (500, 2))
         assert np.allclose(tiles.ground.heights_m(places), whole.ground.heights_m(places), atol=1e-3)
@@ -225,8 +228,7 @@ def test_tiles_bands_and_feet_reach_the_scenario(cli, tmp_path):
 def test_bad_input_is_one_line_with_a_remedy(cli, tennessee, tmp_path, monkeypatch, what):
     monkeypatch.chdir(tmp_path)
     arguments, words = bad_inputs.arguments_of(what, tennessee, tmp_path)
-    ended = cli("new", *arguments)
-    assert ended.code == 2, ended.err
+    ended = cli("new", *arguments, code=2)
     lines = [line for line in ended.err.splitlines() if not line.startswith("warning: ")]
     assert len(lines) == 1, ended.err
     assert words in lines[0]
@@ -239,8 +241,7 @@ def test_bad_input_is_one_line_with_a_remedy(cli, tennessee, tmp_path, monkeypat
 )
 def test_a_pattern_is_a_scenario_for_each_flight(cli, tennessee, tmp_path, pattern, flights):
     area, out = tennessee / "area.kml", tmp_path / "s.toml"
-    ended = cli("new", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", out, "--json")
-    assert ended.code == 0, ended.err
+    ended = cli("new", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", out, "--json", code=0)
     paths = [tmp_path / f"s-{flight}.toml" for flight in flights]
     assert [flight["scenario"] for flight in ended.document["flights"]] == [str(path) for path in paths]
     assert sorted(tmp_path.iterdir()) == sorted(paths)
@@ -248,8 +249,7 @@ def test_a_pattern_is_a_scenario_for_each_flight(cli, tennessee, tmp_path, patte
     assert all(planner.algorithm == "lines" and planner.line_heading_deg is not None for planner in planners)
     again = cli("new", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", out)
     assert (again.code, "already exists" in again.err) == (2, True)
-    planned = cli("plan", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", tmp_path / "run")
-    assert planned.code == 2
+    planned = cli("plan", area, *options(tennessee / "dem.tif"), "--pattern", pattern, "-o", tmp_path / "run", code=2)
     assert (
         f"--pattern: {pattern} consists of {len(flights)} missions; create their scenarios with uavcover new"
         in planned.err
@@ -259,22 +259,19 @@ def test_a_pattern_is_a_scenario_for_each_flight(cli, tennessee, tmp_path, patte
 
 def test_a_flight_of_an_oblique_set_says_where_to_look(cli, tennessee, tmp_path):
     out, run = tmp_path / "s.toml", tmp_path / "run"
-    assert (
-        cli(
-            "new",
-            tennessee / "area.kml",
-            *options(tennessee / "dem.tif", gsd="6cm"),
-            "--pattern",
-            "oblique",
-            "--margin",
-            "0",
-            "-o",
-            out,
-        ).code
-        == 0
+    cli(
+        "new",
+        tennessee / "area.kml",
+        *options(tennessee / "dem.tif", gsd="6cm"),
+        "--pattern",
+        "oblique",
+        "--margin",
+        "0",
+        "-o",
+        out,
+        code=0,
     )
-    ended = cli("plan", tmp_path / "s-east.toml", "-o", run, "--json")
-    assert ended.code == 0, ended.err
+    cli("plan", tmp_path / "s-east.toml", "-o", run, "--json", code=0)
     document = json.loads((run / "plan.json").read_text())
     assert document["metrics"]["coverage_of_coverable"] >= 0.98
     rows = [line.split("\t") for line in (run / "mission.waypoints").read_text().splitlines()[1:]]
@@ -313,11 +310,10 @@ def test_no_odd_value_leaves_a_trace(cli, tennessee, tmp_path, monkeypatch, seed
 
 def test_plan_takes_an_area_and_leaves_a_scenario_of_its_own(cli, tennessee, tmp_path):
     run = tmp_path / "run"
-    ended = cli(
+    cli(
         "plan", tennessee / "area.kml", *options(tennessee / "dem.tif"), "--margin", "0", "--overlap", "60/50", "-o", run,
         "--evaluations", 50,
-    )  # fmt: skip
-    assert ended.code == 0, ended.err
+     code=0)  # fmt: skip
     assert (run / "mission.waypoints").exists()
     again = load_scenario(run / "scenario.toml")
     assert again.sensor.side_overlap == 0.5
@@ -353,7 +349,7 @@ def test_the_overlap_that_was_asked_for_holds_up_to_the_edge(cli, tmp_path, over
     """At least floor(1 / (1 - f)) pictures along the line times floor(1 / (1 - s)) lines on 99 % of what was drawn."""
     place = "southern hemisphere, UTM"
     dem, area = dem_at(tmp_path, place), written.kml(tmp_path / "a.kml", square_parts(place, hole=hole))
-    assert cli("new", area, *options(dem), "--overlap", overlap, "-o", tmp_path / "s.toml").code == 0
+    cli("new", area, *options(dem), "--overlap", overlap, "-o", tmp_path / "s.toml", code=0)
     site = load_site(tmp_path / "s.toml")
     request = PlanRequest(
         scenario=site, folder=tmp_path / "run", command=["test"], force=False, evaluations=50, workers=1

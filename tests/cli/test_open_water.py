@@ -50,13 +50,10 @@ def test_open_water_has_the_height_that_is_given(cli, tmp_path, west):
     dem = tile(tmp_path / "dem.tif", coast(1), west=8.0)
     file = area(tmp_path / "area.geojson", west, 8.025)
     new = ("new", file, "--dem", dem, *CAMERA, "-o", tmp_path / "s.toml", "--force")
-    ended = cli(*new)
-    assert ended.code == 2
+    ended = cli(*new, code=2)
     assert "reaches beyond" in ended.err
     assert "if the missing part is open water, set its height above sea level with --water-height 0m" in ended.err
-    ended = cli(*new, "--water-height", "0m")
-    assert ended.code == 0, ended.err
-    assert "is treated as open water at 0 m above sea level" in ended.err
+    assert "is treated as open water at 0 m above sea level" in cli(*new, "--water-height", "0m", code=0).err
     scenario = load_scenario(tmp_path / "s.toml")
     assert scenario.terrain.water_height_m == 0.0
     site = load_site(tmp_path / "s.toml")
@@ -76,8 +73,7 @@ def test_missing_land_is_no_open_water(cli, tmp_path):
     ended = cli(
         "new", area(tmp_path / "a.geojson", 8.008, 8.025), "--dem", dem, *CAMERA, "-o", tmp_path / "s.toml",
         "--water-height", "0m",
-    )  # fmt: skip
-    assert ended.code == 2
+     code=2)  # fmt: skip
     assert "exactly 0 m whose rim is at 4" in ended.err
 
 
@@ -108,8 +104,7 @@ def test_water_and_interpolation_are_one_or_the_other(cli, tmp_path):
     ended = cli(
         "new", area(tmp_path / "a.geojson", 8.005, 8.025), "--dem", dem, *CAMERA, "--water-height", "0m",
         "--fill-lakes", "50m", "-o", tmp_path / "s.toml",
-    )  # fmt: skip
-    assert ended.code == 2
+     code=2)  # fmt: skip
     assert "use either this option" in ended.err
     text = 'name="a"\n[area]\nfile="a.geojson"\ncell_size_m=5.0\n'
     text += '[terrain]\nkind="raster"\nfile="dem.tif"\nvertical_datum="EGM96"\n'
@@ -144,7 +139,6 @@ def test_an_area_across_180_degrees_on_two_tiles(cli, tmp_path):
     folder.mkdir()
     tile(folder / "N46E179.tif", whole[:, :SIZE], west=180.0 - SIZE * STEP_DEG)
     tile(folder / "N46W180.tif", whole[:, SIZE:], west=-180.0)
-    ended = cli("new", "46.012,179.9995,400", "--dem", folder, *CAMERA, "-o", tmp_path / "s.toml")
-    assert ended.code == 0, ended.err
+    cli("new", "46.012,179.9995,400", "--dem", folder, *CAMERA, "-o", tmp_path / "s.toml", code=0)
     site = load_site(tmp_path / "s.toml")
     assert np.isfinite(site.ground.heights_m(np.array(site.area.exterior.coords))).all()

@@ -46,11 +46,9 @@ def without_times(folder: Path) -> dict[str, Any]:
 
 def test_equal_on_one_thread_two_threads_and_one_core(cli: Cli, tmp_path: Path) -> None:
     base = ("plan", corner_of_the_demo(tmp_path), "--evaluations", EVALUATIONS, "--seed", 7)
-    one = cli(*base, "-o", tmp_path / "one", "--workers", 1, "--json")
-    assert one.code == 0
-    assert one.document["rule_met"] is True
+    assert cli(*base, "-o", tmp_path / "one", "--workers", 1, "--json", code=0).document["rule_met"] is True
     assert files(tmp_path / "one") == PLANNED
-    assert cli(*base, "-o", tmp_path / "two", "--workers", 2).code == 0
+    cli(*base, "-o", tmp_path / "two", "--workers", 2, code=0)
     done = subprocess.run(
         ["taskset", "-c", "0", *command(*base, "-o", tmp_path / "core")], capture_output=True, timeout=300, check=False
     )
@@ -61,17 +59,14 @@ def test_equal_on_one_thread_two_threads_and_one_core(cli: Cli, tmp_path: Path) 
 
 def test_rule_that_cannot_be_met_writes_the_best_and_ends_with_1(cli: Cli, tmp_path: Path) -> None:
     scenario, rule = corner_of_the_demo(tmp_path), "coverage>=0.9,done<=30s"
-    ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "--select", rule)
-    assert ended.code == 1
+    ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "--select", rule, code=1)
     assert f"no route meets {rule}; wrote the best one" in ended.err
     assert plan_of(tmp_path / "run")["rule_met"] is False
 
 
 def test_bounds_of_few_waypoints_are_there_without_being_asked(cli: Cli, tmp_path: Path) -> None:
     base = ("plan", "paper-R2", "--algorithm", "imodbo", "--evaluations", 50, "-o", tmp_path / "run")
-    ended = cli(*base)
-    assert ended.code == 0
-    assert "most coverage with 26 waypoints: at most 100.00 %, found 90.46 %, gap 9.54 %" in ended.out
+    assert "most coverage with 26 waypoints: at most 100.00 %, found 90.46 %, gap 9.54 %" in cli(*base, code=0).out
     entry = plan_of(tmp_path / "run")["bounds"]["fewest_waypoints"]
     assert (entry["at_least"], entry["found"], entry["gap"]) == (16.0, None, None)
     assert "--bounds: 'soon' is not a duration" in cli(*base, "--force", "--bounds", "soon").error
@@ -86,9 +81,7 @@ def test_scenario_without_a_place_plans_and_says_what_it_cannot(cli: Cli, nowher
         ("plan-upload", "paper-planar", "--to", "mock:", "-o", tmp_path / "new"),
         ("fly", nowhere_run, "--to", "mock:"),
     ):
-        ended = cli(*arguments)
-        assert ended.code == 2
-        assert re.search("no (place|position) on Earth", ended.error)
+        assert re.search("no (place|position) on Earth", cli(*arguments, code=2).error)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -105,9 +98,7 @@ def test_scenario_without_a_place_plans_and_says_what_it_cannot(cli: Cli, nowher
     ],
 )
 def test_bad_values_leave_nothing(cli: Cli, tmp_path: Path, arguments: tuple[str, ...], telling: str) -> None:
-    ended = cli("plan", "jacksboro", "-o", tmp_path / "run", "-q", *arguments)
-    assert ended.code == 2
-    assert telling in ended.error
+    assert telling in cli("plan", "jacksboro", "-o", tmp_path / "run", "-q", *arguments, code=2).error
     assert not (tmp_path / "run").exists()
 
 
@@ -122,22 +113,18 @@ def test_three_mistakes_are_one_line_with_three_keys(cli: Cli, tmp_path: Path) -
         assert right in text
         text = text.replace(right, wrong)
     scenario.write_text(text)
-    ended = cli("plan", scenario, "-o", tmp_path / "run")
-    assert ended.code == 2
+    ended = cli("plan", scenario, "-o", tmp_path / "run", code=2)
     for key in ("vehicle.cruise_sped_m_s", "limits.min_height_agl_m", "area.cell_size_m"):
         assert key in ended.error
     assert "did you mean cruise_speed_m_s" in ended.error
 
 
 def test_unknown_scenario(cli: Cli, tmp_path: Path) -> None:
-    ended = cli("plan", "nosuch", "-o", tmp_path / "run")
-    assert ended.code == 2
-    assert "jacksboro" in ended.error
+    assert "jacksboro" in cli("plan", "nosuch", "-o", tmp_path / "run", code=2).error
 
 
 def test_folder_that_cannot_be_made(cli: Cli) -> None:
-    ended = cli("plan", "jacksboro", "-o", "/proc/run", "-q")
-    assert ended.code == 2
+    ended = cli("plan", "jacksboro", "-o", "/proc/run", "-q", code=2)
     assert ended.error.startswith("error: /proc/run: the file cannot be written")
     assert ended.error.rstrip().endswith("; choose another folder")
 
@@ -157,14 +144,12 @@ def test_full_disk_leaves_the_older_plan(flown: Path, tmp_path: Path) -> None:
 
 def test_force_moves_the_older_plan_and_its_flight_away(cli: Cli, flown: Path, tmp_path: Path) -> None:
     scenario = corner_of_the_demo(tmp_path)
-    assert cli("plan", scenario, "-o", flown, "--evaluations", EVALUATIONS).code == 2
-    ended = cli("plan", scenario, "-o", flown, "--evaluations", EVALUATIONS, "--seed", 3, "--force")
-    assert ended.code == 0
+    cli("plan", scenario, "-o", flown, "--evaluations", EVALUATIONS, code=2)
+    ended = cli("plan", scenario, "-o", flown, "--evaluations", EVALUATIONS, "--seed", 3, "--force", code=0)
     assert "older-1" in ended.err
     assert files(flown) == PLANNED | {"older-1"}
     assert plan_of(flown)["seed"] == 3
-    older = cli("verify", flown / "older-1")
-    assert older.code != 2, "what was flown is a run folder of its own"
+    assert cli("verify", flown / "older-1").code != 2, "what was flown is a run folder of its own"
     assert "no such" not in cli("verify", flown).error
 
 
@@ -172,8 +157,9 @@ def test_two_planners_in_one_folder(cli: Cli, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with started(command("plan", corner_of_the_demo(tmp_path), "-o", folder, "--budget", "60s")) as first:
         wait_for_line(first, "planning")
-        second = cli("plan", tmp_path / "corner.toml", "-o", folder, "--force", "--evaluations", EVALUATIONS, "-q")
-        assert second.code == 2
+        second = cli(
+            "plan", tmp_path / "corner.toml", "-o", folder, "--force", "--evaluations", EVALUATIONS, "-q", code=2
+        )
         assert "another uavcover process is using this folder" in second.error
         first.send_signal(signal.SIGINT)
         first.communicate(timeout=WATCHDOG_S)
@@ -210,8 +196,7 @@ def test_infeasible_plan_ends_with_4(cli: Cli, tmp_path: Path) -> None:
     scenario = corner_of_the_demo(tmp_path)
     text = scenario.read_text()
     scenario.write_text(text.replace("max_climb_angle_deg = 30.0", "max_climb_angle_deg = 1.0"))
-    ended = cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "-q")
-    assert ended.code == 4
+    cli("plan", scenario, "-o", tmp_path / "run", "--evaluations", EVALUATIONS, "-q", code=4)
     assert not (tmp_path / "run").exists()
 
 
@@ -268,30 +253,27 @@ def test_request_is_all_that_planning_needs(tmp_path: Path) -> None:
 def test_two_vehicles(cli: Cli, tmp_path: Path) -> None:
     run = tmp_path / "run"
     ended = cli(
-        "plan", corner_of_the_demo(tmp_path), "-o", run, "--evaluations", EVALUATIONS, "--vehicles", 2, "--json"
+        "plan", corner_of_the_demo(tmp_path), "-o", run, "--evaluations", EVALUATIONS, "--vehicles", 2, "--json", code=0
     )
-    assert ended.code == 0, ended.err
     fleet = ended.document["fleet"]
     assert fleet == json.loads((run / "plan.json").read_text())["fleet"]
     assert fleet["vehicles"] == 2
     assert "vehicles = 2" in (run / "scenario.toml").read_text()
     assert "completed after " in ended.err
     # Another choice, and the same one again, keep the vehicles.
-    assert cli("select", run, "index:0").code == 0
+    cli("select", run, "index:0", code=0)
     assert json.loads((run / "plan.json").read_text())["fleet"]["vehicles"] == 2
 
 
 def test_a_number_of_vehicles_that_cannot_be(cli: Cli, tmp_path: Path) -> None:
-    ended = cli("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "run", "--vehicles", 0)
-    assert ended.code == 2
+    ended = cli("plan", corner_of_the_demo(tmp_path), "-o", tmp_path / "run", "--vehicles", 0, code=2)
     assert "vehicles: must be between 1 and 50, not 0" in ended.error
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("parts", ["0", "-1", "two", "1.5", "", "\u0663"])
 def test_parts_are_a_number_or_auto(cli: Cli, tmp_path: Path, parts: str) -> None:
-    result = cli("plan", "jacksboro", "-o", tmp_path / "run", f"--parts={parts}")
-    assert result.code == 2
+    result = cli("plan", "jacksboro", "-o", tmp_path / "run", f"--parts={parts}", code=2)
     assert f"--parts: must be auto or a number of parts (at least 1), not {parts!r}" in result.err
     assert not (tmp_path / "run").exists()
 

@@ -39,8 +39,7 @@ def test_ctrl_c_when_the_search_is_over_uploads_nothing(
     monkeypatch.setattr(plan, "compile_flights", interrupted)
     run = tmp_path / "run"
     scenario = corner_of_the_demo(tmp_path)
-    ended = cli("plan-upload", scenario, "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS)
-    assert ended.code == 130
+    ended = cli("plan-upload", scenario, "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS, code=130)
     assert "interrupted after the search; the complete plan was written" in ended.err
     assert "nothing was uploaded" in ended.err
     assert (run / "mission.waypoints").exists()
@@ -58,15 +57,13 @@ def test_px4_vehicle_and_lossy_link(cli: Cli, planned: Path) -> None:
 def test_scenario_is_planned_first(cli: Cli, tmp_path: Path) -> None:
     run = tmp_path / "run"
     scenario = corner_of_the_demo(tmp_path)
-    ended = cli("plan-upload", scenario, "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS, "--json")
-    assert ended.code == 0
+    ended = cli("plan-upload", scenario, "--to", "mock:", "-o", run, "--evaluations", EVALUATIONS, "--json", code=0)
     assert ended.document["run"] == str(run)
     assert (run / "mission.waypoints").exists()
 
 
 def test_planning_options_do_nothing_for_a_run_folder(cli: Cli, planned: Path) -> None:
-    ended = cli("plan-upload", planned, "--to", "mock:", "--seed", 3, "--select", "knee")
-    assert ended.code == 2
+    ended = cli("plan-upload", planned, "--to", "mock:", "--seed", 3, "--select", "knee", code=2)
     assert "--select, --seed would have no effect" in ended.error
 
 
@@ -114,26 +111,20 @@ def test_vehicle_at_another_place_is_refused(cli: Cli, planned: Path) -> None:
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
 def test_bad_timeout(cli: Cli, planned: Path, seconds: str) -> None:
-    ended = cli("plan-upload", planned, "--to", "mock:", "--timeout", seconds)
-    assert ended.code == 2
-    assert "timeout" in ended.error
+    assert "timeout" in cli("plan-upload", planned, "--to", "mock:", "--timeout", seconds, code=2).error
 
 
 def test_bad_url(cli: Cli, planned: Path) -> None:
-    ended = cli("plan-upload", planned, "--to", "carrier-pigeon://x")
-    assert ended.code == 2
-    assert "udpout://HOST:PORT" in ended.error
+    assert "udpout://HOST:PORT" in cli("plan-upload", planned, "--to", "carrier-pigeon://x", code=2).error
 
 
 def test_several_vehicles_of_a_plan_for_one(cli: Cli, planned: Path) -> None:
-    ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:")
-    assert ended.code == 2
+    ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:", code=2)
     assert (
         "the plan is for one vehicle, but --to is given 2 times; plan again with: uavcover plan SCENARIO --vehicles 2"
         in ended.error
     )
-    ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:", "--sortie", 1)
-    assert ended.code == 2
+    ended = cli("plan-upload", planned, "--to", "mock:", "--to", "mock:", "--sortie", 1, code=2)
     assert "--sortie cannot be combined with more than one --to" in ended.error
 
 
@@ -155,8 +146,7 @@ def test_several_vehicles_are_planned_for_and_uploaded_to(cli: Cli, tmp_path: Pa
 
 def test_one_vehicle_lands_between_the_parts_of_others_only_for_a_new_battery(cli: Cli, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    ended = cli("plan", corner_of_the_demo(tmp_path), "--vehicles", 2, "-o", run, "--evaluations", EVALUATIONS)
-    assert ended.code == 0, ended.err
+    cli("plan", corner_of_the_demo(tmp_path), "--vehicles", 2, "-o", run, "--evaluations", EVALUATIONS, code=0)
     plan = json.loads((run / "plan.json").read_text())
     times_s = [each["flight_time_s"] for each in plan["sorties"]]
     assert len(plan["fleet"]["parts"]) == len(times_s) == 2
@@ -171,8 +161,7 @@ def test_what_one_vehicle_does_as_soon_is_uploaded_to_one(cli: Cli, tmp_path: Pa
     ended = cli(
         "plan-upload", scenario, *("--to", "mock:") * 3, "-o", run, "--evaluations", EVALUATIONS,
         "--json",
-    )  # fmt: skip
-    assert ended.code == 0, ended.err
+     code=0)  # fmt: skip
     fleet = json.loads((run / "plan.json").read_text())["fleet"]
     assert (fleet["vehicles"], len(fleet["by_vehicle"])) == (3, 1)
     assert "warning: the plan does not use mock:, mock:; uploading nothing there" in ended.err
@@ -180,6 +169,5 @@ def test_what_one_vehicle_does_as_soon_is_uploaded_to_one(cli: Cli, tmp_path: Pa
     assert (told["vehicle"], told["sortie"], Path(told["run"])) == (1, 1, run)
     assert (run / "upload.json").exists()
     assert f"Next: uavcover fly {run} --to mock:" in ended.err
-    again = cli("plan-upload", run, "--to", "mock:", "--to", "mock:")
-    assert again.code == 2
+    again = cli("plan-upload", run, "--to", "mock:", "--to", "mock:", code=2)
     assert "more vehicles would not finish sooner; use --to once" in again.error

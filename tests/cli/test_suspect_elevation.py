@@ -42,8 +42,9 @@ def hill(folder: Path) -> Path:
 def test_a_void_hides_no_hill(cli: Cli, tmp_path: Path, value: float) -> None:
     dem = dem_with(tmp_path, value=value, lat=(36.4800, 36.4890), lon=(-84.2300, -84.2190))
     for limit in ("none", "120m"):
-        ended = cli("check", hill(tmp_path), "--dem", dem, "--max-height", limit, "--return-height", "70m", "--json")
-        assert ended.code == 1
+        ended = cli(
+            "check", hill(tmp_path), "--dem", dem, "--max-height", limit, "--return-height", "70m", "--json", code=1
+        )
         assert ended.document["verdict"] == "not proved", ended.document
         over = [one for one in ended.document["findings"] if one["kind"] == "suspect-ground"]
         assert any(one["items"][0] <= 2 and one["items"][1] >= 3 for one in over)
@@ -80,8 +81,7 @@ def test_home_on_a_void_is_not_the_base_of_heights(cli: Cli, tmp_path: Path) -> 
 
 def test_a_void_far_from_the_mission_does_not_matter(cli: Cli, tmp_path: Path) -> None:
     dem = dem_with(tmp_path, value=0, lat=(36.53, 36.54), lon=(-84.30, -84.28))
-    ended = cli("check", mission(tmp_path, *GOOD), "--dem", dem, "--return-height", "70m")
-    assert ended.code == 0, ended.out
+    cli("check", mission(tmp_path, *GOOD), "--dem", dem, "--return-height", "70m", code=0)
 
 
 class Terminal(io.StringIO):
@@ -103,8 +103,7 @@ def filled(tmp_path: Path) -> tuple[Path, Path]:
 def test_new_asks_and_a_script_must_say_so(cli: Cli, tmp_path: Path, filled, monkeypatch) -> None:
     area, dem = filled
     new = ("new", area, "--dem", dem, *CAMERA, "--force", "-o", tmp_path / "s.toml")
-    ended = cli(*new)
-    assert ended.code == 2
+    ended = cli(*new, code=2)
     assert "exactly 0 m whose rim is at" in ended.err
     assert "use --trust-dem (terrain.trust_heights = true)" in ended.err
     assert not (tmp_path / "s.toml").exists()
@@ -118,17 +117,14 @@ def test_new_asks_and_a_script_must_say_so(cli: Cli, tmp_path: Path, filled, mon
 
 def test_plan_asks_for_a_scenario_and_for_an_area(cli: Cli, tmp_path: Path, filled) -> None:
     area, dem = filled
-    ended = cli("new", area, "--dem", dem, *CAMERA, "--trust-dem", "-o", tmp_path / "s.toml")
-    assert ended.code == 0, ended.err
+    ended = cli("new", area, "--dem", dem, *CAMERA, "--trust-dem", "-o", tmp_path / "s.toml", code=0)
     text = (tmp_path / "s.toml").read_text()
     (line,) = [line for line in text.splitlines() if line.startswith("trust_heights")]
     (tmp_path / "asked.toml").write_text(text.replace(line, ""))
-    ended = cli("plan", tmp_path / "asked.toml", "-o", tmp_path / "run", "--evaluations", "10")
-    assert ended.code == 2
+    ended = cli("plan", tmp_path / "asked.toml", "-o", tmp_path / "run", "--evaluations", "10", code=2)
     assert "--trust-dem" in ended.err
     assert not (tmp_path / "run" / "plan.json").exists()
-    ended = cli("plan", area, "--dem", dem, *CAMERA, "-o", tmp_path / "run", "--evaluations", "10")
-    assert ended.code == 2
+    ended = cli("plan", area, "--dem", dem, *CAMERA, "-o", tmp_path / "run", "--evaluations", "10", code=2)
     assert "--trust-dem" in ended.err
 
 

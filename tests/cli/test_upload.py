@@ -35,8 +35,7 @@ from uavcover.errors import InputError
 
 @pytest.mark.parametrize("name", ["mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints"])
 def test_files_of_ours(cli: Cli, planned: Path, name: str) -> None:
-    ended = cli("upload", planned / name, "--to", "mock:", "--json", "-q")
-    assert ended.code == 0
+    ended = cli("upload", planned / name, "--to", "mock:", "--json", "-q", code=0)
     assert ended.document["passed"] is True
     assert ended.document["terrain_checked"] is False
     assert "terrain not checked" in ended.error, "is said even under -q"
@@ -73,9 +72,7 @@ def test_home_of_another_place_is_told(cli: Cli, planned: Path) -> None:
 )
 def test_bad_files(cli: Cli, tmp_path: Path, name: str, content: bytes, telling: str) -> None:
     (tmp_path / name).write_bytes(content)
-    ended = cli("upload", tmp_path / name, "--to", "mock:")
-    assert ended.code == 2
-    assert telling in ended.error
+    assert telling in cli("upload", tmp_path / name, "--to", "mock:", code=2).error
 
 
 def test_bad_usage(cli: Cli, planned: Path) -> None:
@@ -102,8 +99,7 @@ FENCE = Fence((FencePolygon((LatLon(46.4, -7.4), LatLon(46.6, -7.4), LatLon(46.6
 )
 def test_every_format_that_holds_items(cli: Cli, tmp_path: Path, name: str, text: str, kind: str, count: int) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
-    ended = cli("upload", tmp_path / name, "--to", "mock:", "--json")
-    assert ended.code == 0, ended.err
+    ended = cli("upload", tmp_path / name, "--to", "mock:", "--json", code=0)
     assert [(part["mission_type"], len(part["sent"])) for part in ended.document["lists"]] == [(kind, count)]
     assert "repaired" not in ended.err
     assert "doubtful" not in ended.err
@@ -170,8 +166,7 @@ def test_text_of_other_programs_is_read(tmp_path: Path, suffix: str, encoding: s
 def test_what_was_repaired_and_what_is_doubtful_are_warnings(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "route.plan"
     file.write_text(WRITERS["plan"](_swapped(ROUTE)), encoding="utf-16")
-    ended = cli("upload", file, "--to", "mock:", "-q")
-    assert ended.code == 0, ended.err
+    ended = cli("upload", file, "--to", "mock:", "-q", code=0)
     assert "route.plan: repaired: decoded from UTF-16" in ended.err
     assert "latitude and longitude seem to be swapped" in ended.err
 

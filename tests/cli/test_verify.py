@@ -37,8 +37,7 @@ def shifted(run: Path, north_m: float) -> None:
 
 def test_recomputed_from_the_track(cli: Cli, flown: Path) -> None:
     before = json.loads((flown / "verification.json").read_text())
-    ended = cli("verify", flown, "--json")
-    assert ended.code == 0
+    ended = cli("verify", flown, "--json", code=0)
     assert ended.document == before == json.loads((flown / "verification.json").read_text())
 
 
@@ -55,16 +54,14 @@ def test_workers_give_the_same_verdict(cli: Cli, flown: Path, monkeypatch) -> No
 
 def test_shifted_by_200_m_does_not_pass(cli: Cli, flown: Path) -> None:
     shifted(flown, 200.0)
-    refused = cli("verify", flown)
-    assert refused.code == 2
+    refused = cli("verify", flown, code=2)
     assert "track.csv was" in refused.error
     assert "--accept-changed track" in refused.error
     assert not {"verification.json", "report.html", "coverage.tif"} & files(flown), "no older verdict stays"
-    assert cli("report", flown).code == 2
-    ended = cli("verify", flown, "--accept-changed", "track")
-    assert ended.code == 1
+    cli("report", flown, code=2)
+    ended = cli("verify", flown, "--accept-changed", "track", code=1)
     assert "accepted change   track: track.csv was" in ended.out
-    assert cli("report", flown).code == 0
+    cli("report", flown, code=0)
     assert "accepted change since planning or flight: track.csv was" in (flown / "report.html").read_text()
     assert "FAILED" in ended.out
     verdict = json.loads((flown / "verification.json").read_text())
@@ -94,18 +91,15 @@ def test_needs_no_plan(cli: Cli, flown: Path) -> None:
 def test_last_line_cut_off(cli: Cli, flown: Path) -> None:
     text = (flown / "track.csv").read_text()
     (flown / "track.csv").write_text(text[:-20])
-    assert cli("verify", flown).code == 2
-    ended = cli("verify", flown, "--accept-changed", "track")
-    assert "the last line is incomplete" in ended.err
+    cli("verify", flown, code=2)
+    assert "the last line is incomplete" in cli("verify", flown, "--accept-changed", "track").err
 
 
 @pytest.mark.parametrize("name", ["flight.log", "flight", "plan.json"])
 def test_other_endings(cli: Cli, flown: Path, name: str) -> None:
     if not (flown / name).exists():
         shutil.copy(flown / "track.csv", flown / name)
-    ended = cli("verify", flown, "--log", flown / name)
-    assert ended.code == 2
-    assert "use .csv, .rrd, .bin, .tlog, .ulg, .gpx" in ended.error
+    assert "use .csv, .rrd, .bin, .tlog, .ulg, .gpx" in cli("verify", flown, "--log", flown / name, code=2).error
 
 
 @pytest.mark.parametrize(
@@ -115,16 +109,12 @@ def test_other_endings(cli: Cli, flown: Path, name: str) -> None:
 def test_files_that_are_no_track(cli: Cli, flown: Path, tmp_path: Path, name: str, content: bytes | None) -> None:
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    ended = cli("verify", flown, "--log", tmp_path / name)
-    assert ended.code == 2
-    assert name in ended.error
+    assert name in cli("verify", flown, "--log", tmp_path / name, code=2).error
     assert not {"verification.json", "report.html"} & files(flown), "a verdict that failed leaves no older one"
 
 
 def test_nothing_flown(cli: Cli, planned: Path) -> None:
-    ended = cli("verify", planned)
-    assert ended.code == 2
-    assert "uavcover fly" in ended.error
+    assert "uavcover fly" in cli("verify", planned, code=2).error
 
 
 def test_what_is_no_run_folder_is_left_alone(cli: Cli, tmp_path: Path) -> None:
@@ -140,10 +130,10 @@ def test_a_word_that_names_nothing(cli: Cli, flown: Path) -> None:
 
 
 def test_a_report_without_a_verdict_or_with_another_one_says_so(cli: Cli, flown: Path) -> None:
-    assert cli("report", flown, "--log", flown / "flight.rrd").code == 0
+    cli("report", flown, "--log", flown / "flight.rrd", code=0)
     assert "verification.json was computed from different inputs" in (flown / "report.html").read_text()
     (flown / "verification.json").unlink()
-    assert cli("report", flown).code == 0
+    cli("report", flown, code=0)
     assert "the run folder contains no verdict from uavcover verify" in (flown / "report.html").read_text()
     (flown / "scenario.toml").write_text((flown / "scenario.toml").read_text() + "\n")
     assert f"uavcover verify {flown} --accept-changed scenario" in cli("report", flown).error
@@ -152,9 +142,7 @@ def test_a_report_without_a_verdict_or_with_another_one_says_so(cli: Cli, flown:
 
 
 def test_photos_can_only_be_required_of_a_sensor_that_takes_some(cli: Cli, flown: Path) -> None:
-    refused = cli("verify", flown, "--require-photos")
-    assert refused.code == 2
-    assert "--require-photos: the sensor of" in refused.error
+    assert "--require-photos: the sensor of" in cli("verify", flown, "--require-photos", code=2).error
 
 
 def sealed(run: Path) -> None:
@@ -185,13 +173,12 @@ def test_a_gap_mission_is_flown_and_both_tracks_reach_the_plan(cli: Cli, torn: P
     before = cli("verify", torn, "--json").document
     assert before["coverage_fraction"] < before["planned_coverage_fraction"] - 0.001
     planned = before["planned_coverage_fraction"]
-    answer = cli("gaps", torn, "--target", planned, "--json")
-    assert answer.code == 0
+    answer = cli("gaps", torn, "--target", planned, "--json", code=0)
     first_m = np.linalg.norm(np.diff(compile_mission(*route_of(torn)).path_m, axis=0), axis=1).sum()
     assert answer.document["path_length_m"] < 0.5 * first_m
     assert answer.document["coverage_after"] >= planned
     assert (torn / "gap_mission.waypoints").read_bytes() == (torn / "gaps" / "mission.waypoints").read_bytes()
-    assert cli("fly", torn / "gaps", "--to", "mock:", "--mock-speed", 200).code == 0
+    cli("fly", torn / "gaps", "--to", "mock:", "--mock-speed", 200, code=0)
     both = cli("verify", torn, "--log", torn / "track.csv", "--log", torn / "gaps" / "track.csv", "--json")
     # All is seen now, but what the first track does not show stays unobserved.
     assert (both.code, both.document["verdict"]) == (1, "not proved"), both.out
@@ -211,7 +198,7 @@ def route_of(run: Path):  # type: ignore[no-untyped-def]
 
 def test_the_gaps_as_geojson_are_where_the_verdict_says(cli: Cli, torn: Path) -> None:
     verdict = cli("verify", torn, "--json").document
-    assert cli("gaps", torn).code == 0
+    cli("gaps", torn, code=0)
     features = json.loads((torn / "gaps.geojson").read_text())["features"]
     assert len(features) == len(verdict["gaps"])
     size_m = judging_map(route_of(torn)[0]).grid.size_m
@@ -258,17 +245,14 @@ def test_enough_and_small_gaps(cli: Cli, torn: Path) -> None:
     assert enough["coverage_after"] >= 0.985
     nothing = cli("gaps", torn, "--min-area", 1e9, "--force", "--json").document
     assert nothing["mission"] is None
-    reached = cli("gaps", torn, "--target", 0.5, "--force")
-    assert reached.code == 0
-    assert "no gaps to close" in reached.out
+    assert "no gaps to close" in cli("gaps", torn, "--target", 0.5, "--force", code=0).out
 
 
 def test_an_older_gap_mission_is_not_overwritten(cli: Cli, torn: Path) -> None:
-    assert cli("gaps", torn).code == 0
-    ended = cli("gaps", torn)
-    assert ended.code == 2
+    cli("gaps", torn, code=0)
+    ended = cli("gaps", torn, code=2)
     assert "--force" in ended.error or "--force" in ended.err
-    assert cli("gaps", torn, "--force").code == 0
+    cli("gaps", torn, "--force", code=0)
 
 
 def test_what_to_run_next_is_a_suggestion_as_of_other_commands(cli: Cli, torn: Path) -> None:
@@ -293,8 +277,7 @@ def test_a_gap_mission_from_where_the_vehicle_is(cli: Cli, flown: Path) -> None:
     last = broken_off(flown, 0.55)
     sealed(flown)
     from_home = cli("gaps", flown, "--json").document
-    ended = cli("gaps", flown, "--start", "last", "--force", "--json")
-    assert ended.code == 0, ended.err
+    ended = cli("gaps", flown, "--start", "last", "--force", "--json", code=0)
     assert (from_home["start"], ended.document["start"]) == ("home", "last")
     assert "--in-flight" in ended.err
     assert f"uavcover fly {flown / 'gaps'} --resume --to URL" in ended.err
@@ -327,24 +310,16 @@ def test_a_gap_mission_from_where_the_vehicle_is(cli: Cli, flown: Path) -> None:
 
 
 def test_no_mission_in_the_air_for_a_vehicle_on_the_ground(cli: Cli, torn: Path) -> None:
-    ended = cli("gaps", torn, "--start", "last")
-    assert ended.code == 4
-    assert "m above ground" in ended.err
+    assert "m above ground" in cli("gaps", torn, "--start", "last", code=4).err
     assert "gap_mission.waypoints" not in files(torn)
-    ended = cli("gaps", torn, "--start", "here")
-    assert ended.code == 2
-    assert "--start: must be home or last, not 'here'" in ended.error
+    assert "--start: must be home or last, not 'here'" in cli("gaps", torn, "--start", "here", code=2).error
 
 
 @pytest.mark.parametrize(("option", "value"), [("--target", 1.5), ("--target", 0.0), ("--min-area", -1.0)])
 def test_arguments_out_of_range(cli: Cli, torn: Path, option: str, value: float) -> None:
-    ended = cli("gaps", torn, option, value)
-    assert ended.code == 2
-    assert str(value) in ended.err
+    assert str(value) in cli("gaps", torn, option, value, code=2).err
     assert "gaps" not in files(torn)
 
 
 def test_gaps_of_nothing_flown(cli: Cli, planned: Path) -> None:
-    ended = cli("gaps", planned)
-    assert ended.code == 2
-    assert "uavcover fly" in ended.error
+    assert "uavcover fly" in cli("gaps", planned, code=2).error

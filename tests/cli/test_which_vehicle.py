@@ -84,10 +84,10 @@ def test_the_named_one_gets_the_mission_and_gives_it_back(cli: Cli, run: Path) -
     ]
     with speaking_to(port, *vehicles):
         url = f"udpin://127.0.0.1:{port}"
-        assert cli("plan-upload", run, "--to", url, "--system", "7", "-q").code == 0
+        cli("plan-upload", run, "--to", url, "--system", "7", "-q", code=0)
         assert [len(vehicle.mission_items) > 5 for vehicle in vehicles] == [False, True]
-        assert cli(*arguments_of("download", run, url), "--system", "7", "--component", "1", "-q").code == 0
-        assert cli(*arguments_of("clear", run, url), "--system", "7", "-q").code == 0
+        cli(*arguments_of("download", run, url), "--system", "7", "--component", "1", "-q", code=0)
+        cli(*arguments_of("clear", run, url), "--system", "7", "-q", code=0)
         ended = cli(*arguments_of("clear", run, url), "--system", "9", "--timeout", "2", "-q")
     assert (ended.code, "no vehicle with system ID 9" in ended.err) == (3, True)
 

@@ -29,8 +29,7 @@ def test_leaves_the_layout_that_was_promised(cli: Cli, tmp_path: Path) -> None:
     ended = cli(
         "bench", "mmf", "--functions", "MMF4,MMF1", "--algorithms", "imodbo,random", "--runs", 2, "-o", tmp_path / "out",
         *SMALL, "--json",
-    )  # fmt: skip
-    assert ended.code == 0
+     code=0)  # fmt: skip
     assert (ended.document["runs"], ended.document["made"]) == (8, 8)
     lines = (tmp_path / "out" / "summary.csv").read_text().splitlines()
     assert lines[0] == "function,algorithm,metric,mean,std,median,runs"
@@ -58,22 +57,19 @@ def test_the_same_command_again_makes_nothing(cli: Cli, tmp_path: Path) -> None:
     ],
 )
 def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], told: str) -> None:
-    ended = cli("bench", "mmf", *arguments)
-    assert ended.code == 2
-    assert told in ended.error
+    assert told in cli("bench", "mmf", *arguments, code=2).error
 
 
 def test_population_too_small_for_an_algorithm(cli: Cli, tmp_path: Path) -> None:
-    ended = cli("bench", "mmf", "--functions", "MMF1", "--algorithms", "imodbo", "-o", tmp_path, "--population", 2)
-    assert ended.code == 2
+    ended = cli(
+        "bench", "mmf", "--functions", "MMF1", "--algorithms", "imodbo", "-o", tmp_path, "--population", 2, code=2
+    )
     assert "population_size" in ended.error
 
 
 def test_a_folder_of_something_else_is_left_alone(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
-    ended = cli("bench", "mmf", "-o", tmp_path, *SMALL)
-    assert ended.code == 2
-    assert "use another folder" in ended.error
+    assert "use another folder" in cli("bench", "mmf", "-o", tmp_path, *SMALL, code=2).error
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -108,9 +104,7 @@ def test_stopped_hard_in_the_middle_and_resumed_gives_the_same_sets(
         assert process.returncode == 130
         assert "run the command again to continue" in errors
     stamps = {name: (broken / name).stat().st_mtime_ns for name in before}
-    resumed = cli(*TWELVE, "-o", broken, "--json")
-    assert resumed.code == 0
-    assert json.loads(resumed.out)["made"] <= 12 - len(before)
+    assert json.loads(cli(*TWELVE, "-o", broken, "--json", code=0).out)["made"] <= 12 - len(before)
     assert sets(broken) == sets(whole)
     assert {name: (broken / name).stat().st_mtime_ns for name in before} == stamps
     assert (broken / "summary.csv").read_bytes() == (whole / "summary.csv").read_bytes()
@@ -121,8 +115,7 @@ def test_a_missing_package_is_refused_before_anything_is_computed(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pymoo.core.problem", None)
-    ended = cli("bench", "mmf", "-o", tmp_path / "mmf", "--functions", "MMF1", "--algorithms", "imodbo,nsga2")
-    assert ended.code == 2
+    ended = cli("bench", "mmf", "-o", tmp_path / "mmf", "--functions", "MMF1", "--algorithms", "imodbo,nsga2", code=2)
     assert "requires pymoo" in ended.error
     assert not (tmp_path / "mmf").exists()
 
@@ -177,9 +170,7 @@ def test_writes_the_table_and_makes_nothing_twice(cli: Cli, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("times", ["0", "ten", "10,-3", ""])
 def test_bad_times_are_one_line(cli: Cli, tmp_path: Path, times: str) -> None:
-    ended = cli("bench", "coverage", "--time", times, "-o", tmp_path)
-    assert ended.code == 2
-    assert "--time:" in ended.error
+    assert "--time:" in cli("bench", "coverage", "--time", times, "-o", tmp_path, code=2).error
 
 
 def test_bad_usage_of_coverage_is_one_line(cli: Cli) -> None:

@@ -25,15 +25,13 @@ def mission(folder: Path, *rows: str, name: str = "m.waypoints", frame: int = 3)
 
 
 def test_a_good_mission(cli: Cli, tmp_path: Path) -> None:
-    ended = cli("check", mission(tmp_path, *GOOD), "--dem", DEM, "--return-height", "70m")
-    assert ended.code == 0, ended.out
+    ended = cli("check", mission(tmp_path, *GOOD), "--dem", DEM, "--return-height", "70m", code=0)
     assert ended.out.splitlines()[-1] == "verdict: passed"
 
 
 def test_a_hill_in_the_way(cli: Cli, tmp_path: Path) -> None:
     file = mission(tmp_path, "22 0 0 40", "16 36.4770 -84.2160 70", "16 36.4850 -84.2240 70", "20 0 0 0")
-    ended = cli("check", file, "--dem", DEM, "--json", "--map", tmp_path / "found.geojson")
-    assert ended.code == 1
+    ended = cli("check", file, "--dem", DEM, "--json", "--map", tmp_path / "found.geojson", code=1)
     assert ended.document["verdict"] == "failed"
     (leg,) = [one for one in ended.document["findings"] if one["kind"] == "ground" and one["items"] == [2, 3]]
     assert leg["by"] > 50.0
@@ -42,9 +40,7 @@ def test_a_hill_in_the_way(cli: Cli, tmp_path: Path) -> None:
     drawn = json.loads((tmp_path / "found.geojson").read_text())
     kinds = {feature["geometry"]["type"] for feature in drawn["features"]}
     assert kinds == {"LineString", "Point"}
-    again = cli("check", file, "--dem", DEM, "--map", tmp_path / "found.geojson")
-    assert again.code == 2
-    assert "--force" in again.error
+    assert "--force" in cli("check", file, "--dem", DEM, "--map", tmp_path / "found.geojson", code=2).error
 
 
 def test_a_home_without_a_height_is_on_the_ground_there(cli: Cli, tmp_path: Path) -> None:
@@ -79,8 +75,7 @@ def test_fence_and_zones_of_files(cli: Cli, tmp_path: Path) -> None:
     ring = [[-84.2155, 36.4765], [-84.2153, 36.4765], [-84.2153, 36.4775], [-84.2155, 36.4775], [-84.2155, 36.4765]]
     shape = tmp_path / "zone.geojson"
     shape.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
-    entered = cli("check", file, "--dem", DEM, "--return-height", "70m", "--no-fly", shape, "--json")
-    assert entered.code == 1
+    entered = cli("check", file, "--dem", DEM, "--return-height", "70m", "--no-fly", shape, "--json", code=1)
     assert {(one["kind"], *one["items"]) for one in entered.document["findings"] if one["weight"] == "breaks"} == {
         ("no-fly", 2, 4),
         ("return-no-fly", 2, 3),
@@ -200,17 +195,13 @@ def test_bad_input_is_one_line(
     mission(tmp_path, "22 0 0 40", "16 -84.2160 36.4770 70", "20 0 0 0", name="swapped.waypoints")
     (tmp_path / "empty.waypoints").write_text(f"QGC WPL 110\n{HOME}\n")
     (tmp_path / "broken.waypoints").write_text("QGC WPL 110\n1 2 three\n")
-    ended = cli("check", *arguments)
-    assert ended.code == 2, ended.out
-    assert telling in ended.error
+    assert telling in cli("check", *arguments, code=2).error
 
 
 def test_a_mission_of_another_place(cli: Cli, tmp_path: Path) -> None:
     file = mission(tmp_path, *GOOD)
     file.write_text(file.read_text().replace("\t36.", "\t46."))
-    ended = cli("check", file, "--dem", DEM)
-    assert ended.code == 1
-    assert "the mission lies outside the elevation data" in ended.out
+    assert "the mission lies outside the elevation data" in cli("check", file, "--dem", DEM, code=1).out
 
 
 @pytest.mark.parametrize("name", ["m.waypoints", "m.plan"])
@@ -226,15 +217,14 @@ def test_a_repaired_mission_is_checked_again(cli: Cli, tmp_path: Path, name: str
         file = tmp_path / name
         file.write_text(plan.write(made))
     before, options = file.read_bytes(), ("--dem", DEM, "--return-height", "500m", "--max-height", "none", "--json")
-    assert cli("check", file, *options).code == 1
+    cli("check", file, *options, code=1)
     fixed = tmp_path / f"fixed{file.suffix}"
     ended = cli("check", file, *options, "--fix", "-o", fixed)
     assert (ended.code, ended.document["verdict"], ended.document["file"]) == (0, "passed", str(fixed))
     assert file.read_bytes() == before
     assert len(read_mission(fixed).items) >= 5
     options = ["--return-height", "500m", "--max-height", "none", "--fix", "-o"]
-    unchanged = cli("check", fixed, "--dem", DEM, *options, tmp_path / f"2{file.suffix}")
-    assert unchanged.code == 0
+    unchanged = cli("check", fixed, "--dem", DEM, *options, tmp_path / f"2{file.suffix}", code=0)
     assert "no file was written" in unchanged.out
 
 
@@ -246,8 +236,7 @@ def test_routes_of_points_have_a_take_off_and_no_home(cli: Cli, tmp_path: Path, 
     file.write_text(
         ROUTES[file.suffix]([(36.4770, -84.2160, 560.0 - 485.0), (36.4770, -84.2150, 560.0 - 485.0)], 485.0)
     )
-    ended = cli("check", file, "--dem", DEM, "--home", "36.4762,-84.2160", "--return-height", "70m")
-    assert ended.code == 0, ended.out
+    ended = cli("check", file, "--dem", DEM, "--home", "36.4762,-84.2160", "--return-height", "70m", code=0)
     assert "point 1" in ended.out
     options = ["--home", "36.4762,-84.2160", "--min-height", "90m", "--fix", "-o"]
     fixed = cli("check", file, "--dem", DEM, *options, tmp_path / "f.waypoints")
@@ -258,18 +247,16 @@ def test_a_long_mission_is_split_and_each_part_is_checked(cli: Cli, tmp_path: Pa
     ways = [f"16 36.47{70 + k % 2} -84.21{60 - k // 2} 70" for k in range(14)]
     file = mission(tmp_path, "22 0 0 70", *ways, "20 0 0 0")
     options = ("--dem", DEM, "--return-height", "90m", "--max-height", "none", "--max-items", "12", "--json")
-    told = cli("check", file, *options)
-    assert told.code == 1
+    told = cli("check", file, *options, code=1)
     assert [one["kind"] for one in told.document["findings"] if one["weight"] == "breaks"] == ["items"]
-    ended = cli("check", file, *options, "--fix", "-o", tmp_path / "part.waypoints")
-    assert ended.code == 0, ended.out
+    ended = cli("check", file, *options, "--fix", "-o", tmp_path / "part.waypoints", code=0)
     names = [one["file"] for one in ended.document["parts"]]
     assert names == [str(tmp_path / f"part-{k}.waypoints") for k in range(1, len(names) + 1)]
     assert len(names) > 2
     assert ended.document["verdict"] == "passed"
     again = cli("check", file, *options, "--fix", "-o", tmp_path / "part.waypoints")
     assert (again.code, "--force" in again.err) == (2, True)
-    assert cli("check", file, *options[:-2], "3").code == 2
+    cli("check", file, *options[:-2], "3", code=2)
 
 
 def test_rally_points_and_parameters_of_files(cli: Cli, tmp_path: Path) -> None:
@@ -284,9 +271,8 @@ def test_rally_points_and_parameters_of_files(cli: Cli, tmp_path: Path) -> None:
     rally = tmp_path / "rally.waypoints"
     rally.write_text(wpl.write_rally(RallyPoints((FramedPoint(36.4762, -84.2160, -60.0),)), home))
     plain = ("check", file, "--dem", DEM, "--return-height", "70m", "--json")
-    assert cli(*plain).code == 0
-    ended = cli(*plain, "--rally", rally)
-    assert ended.code == 1
+    cli(*plain, code=0)
+    ended = cli(*plain, "--rally", rally, code=1)
     assert "rally point 1: it is" in {one["kind"]: one["what"] for one in ended.document["findings"]}["rally"]
     low = tmp_path / "low.param"
     beyond_a_ridge = mission(

@@ -15,8 +15,7 @@ from uavcover.extras.exports.print_page import clock
 @pytest.mark.parametrize("file_format", FORMATS)
 def test_every_format(cli: Cli, planned: Path, tmp_path: Path, file_format: str) -> None:
     out = tmp_path / f"mission.{file_format}"
-    ended = cli("export", planned, "--format", file_format, "-o", out, "--json")
-    assert ended.code == 0
+    ended = cli("export", planned, "--format", file_format, "-o", out, "--json", code=0)
     assert ended.document["format"] == file_format
     assert ended.document["items"] > 10
     assert out.stat().st_size > (60 if file_format.startswith("mavproxy") else 500)
@@ -24,20 +23,19 @@ def test_every_format(cli: Cli, planned: Path, tmp_path: Path, file_format: str)
 
 def test_same_as_the_mission_files(cli: Cli, planned: Path, tmp_path: Path) -> None:
     for name in ("waypoints", "plan", "kml"):
-        assert cli("export", planned, "--format", name, "-o", tmp_path / f"x.{name}").code == 0
+        cli("export", planned, "--format", name, "-o", tmp_path / f"x.{name}", code=0)
         assert (tmp_path / f"x.{name}").read_bytes() == (planned / f"mission.{name}").read_bytes()
 
 
 def test_autopilot_goes_into_the_plan(cli: Cli, planned: Path, tmp_path: Path) -> None:
     out = tmp_path / "x.plan"
-    assert cli("export", planned, "--format", "plan", "-o", out, "--autopilot", "px4").code == 0
+    cli("export", planned, "--format", "plan", "-o", out, "--autopilot", "px4", code=0)
     assert json.loads(out.read_text())["mission"]["firmwareType"] == 12
 
 
 def test_a_file_for_djis_apps(cli: Cli, planned: Path, tmp_path: Path) -> None:
     out = tmp_path / "survey.kmz"
-    ended = cli("export", planned, "--format", "wpml", "--drone", "DJI Mavic 3T", "-o", out)
-    assert ended.code == 0
+    ended = cli("export", planned, "--format", "wpml", "--drone", "DJI Mavic 3T", "-o", out, code=0)
     assert "start on the ground at the plan's home" in ended.out
     assert "it lands from the last point" in ended.out
     assert "trigger the camera manually" in ended.out
@@ -52,8 +50,7 @@ def test_a_file_for_djis_apps(cli: Cli, planned: Path, tmp_path: Path) -> None:
 
 def test_a_split_export_has_numbers(cli: Cli, planned: Path, tmp_path: Path) -> None:
     out = tmp_path / "survey.csv"
-    ended = cli("export", planned, "--format", "litchi", "-o", out, "--max-waypoints-per-file", 12, "--json")
-    assert ended.code == 0, ended.err
+    ended = cli("export", planned, "--format", "litchi", "-o", out, "--max-waypoints-per-file", 12, "--json", code=0)
     written = [Path(row["file"]) for row in ended.document["files"]]
     assert len(written) > 1
     assert written == [tmp_path / f"survey-{k + 1}.csv" for k in range(len(written))]
@@ -61,19 +58,15 @@ def test_a_split_export_has_numbers(cli: Cli, planned: Path, tmp_path: Path) -> 
     assert [len(path.read_text().splitlines()) - 1 for path in written] == [
         row["items"] for row in ended.document["files"]
     ]
-    again = cli("export", planned, "--format", "litchi", "-o", out, "--max-waypoints-per-file", 12)
-    assert again.code == 2
+    again = cli("export", planned, "--format", "litchi", "-o", out, "--max-waypoints-per-file", 12, code=2)
     assert "already contains survey-1.csv, survey-2.csv; use --force" in again.error
-    whole = cli("export", planned, "--format", "litchi", "-o", out, "--force")
-    assert whole.code == 2
+    whole = cli("export", planned, "--format", "litchi", "-o", out, "--force", code=2)
     assert "survey-1.csv: this file belongs to another export" in whole.error
     assert not out.exists()
 
 
 def test_the_table_of_aircraft(cli: Cli) -> None:
-    ended = cli("export", "--drone", "list")
-    assert ended.code == 0
-    assert "dji-m3e" in ended.out
+    assert "dji-m3e" in cli("export", "--drone", "list", code=0).out
     assert "dji-m4t" in cli("export", "--drone", "list", "--json").document["aircraft"]
 
 
@@ -89,8 +82,7 @@ max_speed_m_s = 15
 
 def test_an_aircraft_of_ones_own(cli: Cli, planned: Path, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(OWN)
-    ended = cli("export", planned, "--format", "wpml", "--drone", tmp_path / "own.toml", "-o", tmp_path / "x.kmz")
-    assert ended.code == 0
+    cli("export", planned, "--format", "wpml", "--drone", tmp_path / "own.toml", "-o", tmp_path / "x.kmz", code=0)
     check_kmz((tmp_path / "x.kmz").read_bytes())
 
 
@@ -112,8 +104,7 @@ def test_an_aircraft_of_ones_own(cli: Cli, planned: Path, tmp_path: Path) -> Non
 def test_an_aircraft_that_is_none(cli: Cli, planned: Path, tmp_path: Path, before: str, after: str, match: str) -> None:
     path = tmp_path / "own.toml"
     path.write_text(OWN.replace(before, after))
-    ended = cli("export", planned, "--format", "wpml", "--drone", path, "-o", tmp_path / "x.kmz")
-    assert ended.code == 2
+    ended = cli("export", planned, "--format", "wpml", "--drone", path, "-o", tmp_path / "x.kmz", code=2)
     assert re.search(match, ended.error)
     assert not (tmp_path / "x.kmz").exists()
 
@@ -144,29 +135,25 @@ def test_an_aircraft_that_is_none(cli: Cli, planned: Path, tmp_path: Path, befor
     ],
 )
 def test_options_that_do_not_fit(cli: Cli, planned: Path, options: list[str], match: str) -> None:
-    ended = cli("export", planned, *options)
-    assert ended.code == 2
-    assert match in ended.error
+    assert match in cli("export", planned, *options, code=2).error
 
 
 @pytest.mark.parametrize("file_format", ["wpml", "litchi", "gpx", "print"])
 def test_a_plan_without_a_place_has_no_flight(cli: Cli, nowhere_run: Path, tmp_path: Path, file_format: str) -> None:
     drone = ["--drone", "m3e"] if file_format == "wpml" else []
     out = tmp_path / ("x.html" if file_format == "print" else "x.kmz")
-    ended = cli("export", nowhere_run, "--format", file_format, "-o", out, *drone)
-    assert ended.code == 2
+    ended = cli("export", nowhere_run, "--format", file_format, "-o", out, *drone, code=2)
     assert "no position on Earth" in ended.error
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_page_for_paper(cli: Cli, planned: Path, tmp_path: Path) -> None:
     out = tmp_path / "sheet.html"
-    ended = cli("export", planned, "--format", "print", "-o", out, "--contact", "Tower <118.5>", "--json")
-    assert ended.code == 0
+    ended = cli("export", planned, "--format", "print", "-o", out, "--contact", "Tower <118.5>", "--json", code=0)
     assert ended.document["file"] == str(out)
     assert ended.document["flights"] == 1
     assert "Tower &lt;118.5&gt;" in out.read_text()
-    assert cli("export", planned, "--format", "print", "-o", out).code == 2
+    cli("export", planned, "--format", "print", "-o", out, code=2)
     split = cli("export", planned, "--format", "print", "-o", out, "--force", "--max-waypoints-per-file", 12, "--json")
     assert split.document["flights"] > 1
 
@@ -176,7 +163,7 @@ def test_the_page_of_an_aircraft_has_the_flights_of_its_files(cli: Cli, planned:
     run = tmp_path / "short"
     scenario = (planned / "scenario.toml").read_text().replace("[vehicle]", "[vehicle]\nendurance_s = 260.0")
     (tmp_path / "short.toml").write_text(scenario)
-    assert cli("plan", tmp_path / "short.toml", "-o", run, "--evaluations", 40, "--seed", 1).code == 0
+    cli("plan", tmp_path / "short.toml", "-o", run, "--evaluations", 40, "--seed", 1, code=0)
     drone = ["--drone", "dji-m3e"]
     files = cli("export", run, "--format", "wpml", *drone, "-o", tmp_path / "x.kmz", "--json").document["files"]
     page = cli("export", run, "--format", "print", *drone, "-o", tmp_path / "x.html", "--json").document
@@ -204,17 +191,13 @@ def test_errors(cli: Cli, planned: Path, tmp_path: Path) -> None:
     assert "--format" in cli("export", planned, "--format", "shp", "-o", out).error
     assert "no such run folder" in cli("export", tmp_path / "nope", "--format", "kml", "-o", out).error
     out.write_text("mine")
-    ended = cli("export", planned, "--format", "kml", "-o", out)
-    assert ended.code == 2
-    assert "--force" in ended.error
+    assert "--force" in cli("export", planned, "--format", "kml", "-o", out, code=2).error
     assert out.read_text() == "mine"
-    assert cli("export", planned, "--format", "kml", "-o", out, "--force").code == 0
-    assert cli("export", planned, "--format", "kml", "-o", "/proc/x.kml").code == 2
+    cli("export", planned, "--format", "kml", "-o", out, "--force", code=0)
+    cli("export", planned, "--format", "kml", "-o", "/proc/x.kml", code=2)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"schema_version": 99}', '{"schema_version": 1}'])
 def test_broken_plan(cli: Cli, planned: Path, tmp_path: Path, text: str) -> None:
     (planned / "plan.json").write_text(text)
-    ended = cli("export", planned, "--format", "kml", "-o", tmp_path / "x.kml")
-    assert ended.code == 2
-    assert "plan.json" in ended.error
+    assert "plan.json" in cli("export", planned, "--format", "kml", "-o", tmp_path / "x.kml", code=2).error

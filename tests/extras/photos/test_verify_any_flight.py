@@ -55,9 +55,16 @@ def a_quarter(folder):
 
 def test_a_flight_without_plan_is_judged_by_its_log_and_its_pictures(cli, tmp_path, flight):
     ended = cli(
-        "verify", flight / "flight.csv", "--photos", flight / "pictures.csv", *ANY, "-o", tmp_path / "a", "--json"
+        "verify",
+        flight / "flight.csv",
+        "--photos",
+        flight / "pictures.csv",
+        *ANY,
+        "-o",
+        tmp_path / "a",
+        "--json",
+        code=0,
     )
-    assert ended.code == 0, ended.err
     assert ended.document["verdict"] == "passed"
     assert ended.document["photos"]["coverage_holds"] == "yes"
     assert ended.document["inputs"]["photos"] == ended.document["photos"]["inputs"]["pictures"]
@@ -73,8 +80,7 @@ def test_a_quarter_of_the_pictures_is_judged_whatever_the_track_says(cli, tmp_pa
     assert whole["coverage_of_coverable"] == pytest.approx(1.0, abs=0.01)
     assert whole["verdict"] == "not proved", "nobody knows whether the camera took anything"
     assert "the log reports no photos" in whole["doubts"][0]
-    ended = cli("verify", flight / "flight.csv", "--photos", few, *ANY, "-o", tmp_path / "b", "--json")
-    assert ended.code == 1
+    ended = cli("verify", flight / "flight.csv", "--photos", few, *ANY, "-o", tmp_path / "b", "--json", code=1)
     assert ended.document["verdict"] == "failed"
     assert ended.document["coverage_of_coverable"] < 0.9
     assert any(gap["area_m2"] > 100.0 for gap in ended.document["gaps"])
@@ -82,37 +88,30 @@ def test_a_quarter_of_the_pictures_is_judged_whatever_the_track_says(cli, tmp_pa
 
 def test_pictures_whose_blur_nobody_tells_leave_the_verdict_open(cli, tmp_path, flight):
     arguments = ("verify", flight / "flight.csv", "--photos", flight / "pictures.csv", *ANY, "--max-blur", "1")
-    ended = cli(*arguments, "-o", tmp_path / "a", "--json")
-    assert ended.code == 1
+    ended = cli(*arguments, "-o", tmp_path / "a", "--json", code=1)
     assert ended.document["verdict"] == "not proved"
     assert ended.document["reasons"] == []
     assert "coverage 0.00 %" in ended.document["doubts"][0]
-    without = cli("verify", flight / "flight.csv", *ANY, "--max-blur", "1", "-o", tmp_path / "b")
-    assert without.code == 2
+    without = cli("verify", flight / "flight.csv", *ANY, "--max-blur", "1", "-o", tmp_path / "b", code=2)
     assert "--max-blur: this option applies only to photos" in without.error
 
 
 def test_limits_that_the_user_gave_are_judged_and_others_are_told(cli, tmp_path, flight):
     arguments = ("verify", flight / "flight.csv", "--photos", flight / "pictures.csv", *ANY)
-    low = cli(*arguments, "--max-height", "60m", "-o", tmp_path / "a", "--json")
-    assert low.code == 1
+    low = cli(*arguments, "--max-height", "60m", "-o", tmp_path / "a", "--json", code=1)
     assert {violation["kind"] for violation in low.document["violations"]} == {"above-band"}
-    told = cli(*arguments, "-o", tmp_path / "b")
-    assert "not judged, because not specified: --max-height, --no-fly" in told.out
-    overlap = cli(*arguments, "--overlap", "90/90", "-o", tmp_path / "c", "--json")
-    assert overlap.code == 1
+    assert "not judged, because not specified: --max-height, --no-fly" in cli(*arguments, "-o", tmp_path / "b").out
+    overlap = cli(*arguments, "--overlap", "90/90", "-o", tmp_path / "c", "--json", code=1)
     assert any(reason.startswith("the required overlap, 100 photos") for reason in overlap.document["reasons"])
 
 
 def test_pictures_alone_are_judged_and_the_flight_is_not(cli, tmp_path, flight):
-    ended = cli("verify", flight / "pictures.csv", *ANY, "-o", tmp_path / "a", "--json")
-    assert ended.code == 0, ended.err
+    ended = cli("verify", flight / "pictures.csv", *ANY, "-o", tmp_path / "a", "--json", code=0)
     assert "violations" not in ended.document
     run = tmp_path / "run"
     run.mkdir()
     shutil.copy(tmp_path / "a/scenario.toml", run)
-    ended = cli("verify", run, "--photos", flight / "pictures.csv")
-    assert "without a track" in ended.err
+    assert "without a track" in cli("verify", run, "--photos", flight / "pictures.csv").err
     assert json.loads((run / "photos/photos.json").read_text())["counted"] > 10
     assert not (run / "verification.json").exists()
 
@@ -131,9 +130,7 @@ def test_a_changed_scenario_is_noticed(cli, tmp_path, flight):
     cli("verify", flight / "flight.csv", *ANY, "-o", tmp_path / "a")
     file = tmp_path / "a/scenario.toml"
     file.write_text(file.read_text().replace("min_coverage_of_coverable = 0.98", "min_coverage_of_coverable = 0.1"))
-    ended = cli("verify", tmp_path / "a", "--log", flight / "flight.csv")
-    assert ended.code == 2
-    assert "scenario.toml was" in ended.error
+    assert "scenario.toml was" in cli("verify", tmp_path / "a", "--log", flight / "flight.csv", code=2).error
 
 
 @pytest.mark.parametrize(
@@ -155,8 +152,7 @@ def test_what_cannot_be_judged_is_one_line(cli, tmp_path, flight, arguments, wor
     (tmp_path / "elsewhere.csv").write_text(track.replace(",36.4", ",46.4"))
     names = {"FLIGHT": flight / "flight.csv", "RUN": flight, "ELSEWHERE": tmp_path / "elsewhere.csv"}
     out = () if "-o" in arguments or "--area" not in arguments else ("-o", tmp_path / "out")
-    ended = cli("verify", *[names.get(argument, argument) for argument in arguments], *out)
-    assert ended.code == 2, ended.out
+    ended = cli("verify", *[names.get(argument, argument) for argument in arguments], *out, code=2)
     assert words in ended.err.splitlines()[-1]
     assert "Traceback" not in ended.err
     assert not (tmp_path / "out").exists()

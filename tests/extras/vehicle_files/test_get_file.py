@@ -14,15 +14,12 @@ def test_what_was_sent_is_listed_and_comes_back(cli: Cli, tmp_path: Path) -> Non
     sent.write_bytes(Random(1).randbytes(20_000))
     with mock_vehicle("-q", "--loss", "0.1") as (port, _):
         to = ("--to", f"udpout://127.0.0.1:{port}")
-        assert cli("send-file", sent, *to, "--window", 20).code == 0
+        cli("send-file", sent, *to, "--window", 20, code=0)
         listed = cli("get-file", "/APM/TERRAIN/", *to, "--json")
         assert listed.document["entries"] == [{"name": "N36W085.DAT", "folder": False, "bytes": 20_000}]
-        ended = cli("get-file", "/APM/TERRAIN/N36W085.DAT", *to, "-o", got, "--json")
-        assert ended.document["bytes"] == 20_000
+        assert cli("get-file", "/APM/TERRAIN/N36W085.DAT", *to, "-o", got, "--json").document["bytes"] == 20_000
         assert got.read_bytes() == sent.read_bytes()
-        missing = cli("get-file", "/nowhere", *to, "-o", got, "--force")
-        assert missing.code == 3
-        assert "FILE_NOT_FOUND" in missing.error
+        assert "FILE_NOT_FOUND" in cli("get-file", "/nowhere", *to, "-o", got, "--force", code=3).error
         assert got.read_bytes() == sent.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["N36W085.DAT", "got.DAT"]
 
@@ -39,9 +36,7 @@ def test_what_was_sent_is_listed_and_comes_back(cli: Cli, tmp_path: Path) -> Non
 )
 def test_bad_input_is_one_line(cli: Cli, tmp_path: Path, path: str, out: str, telling: str) -> None:
     (tmp_path / "there").write_bytes(b"kept")
-    ended = cli("get-file", path, "--to", "mock:", "-o", tmp_path / out)
-    assert ended.code == 2
-    assert telling in ended.error
+    assert telling in cli("get-file", path, "--to", "mock:", "-o", tmp_path / out, code=2).error
     assert (tmp_path / "there").read_bytes() == b"kept"
 
 
@@ -57,10 +52,8 @@ def test_the_file_of_a_mission_becomes_waypoints(cli: Cli, tmp_path: Path) -> No
     with mock_vehicle("-q") as (port, _):
         to = ("--to", f"udpout://127.0.0.1:{port}")
         sent = cli("send-file", dat, *to, "--folder", "@MISSION")
-        ended = cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "m.waypoints", "--json")
-        assert ended.code == 0, ended.err
-        raw = cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "raw.dat")
-        assert raw.code == 0, raw.err
+        cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "m.waypoints", "--json", code=0)
+        cli("get-file", "@MISSION/mission.dat", *to, "-o", tmp_path / "raw.dat", code=0)
     assert sent.code == 3  # ArduPilot makes a list of it: what is read afterwards has the vehicle's own home
     assert "arrived with a different CRC" in sent.error
     assert read_mission_dat((tmp_path / "raw.dat").read_bytes(), MissionType.MISSION)[1:] == items

@@ -10,15 +10,13 @@ AREA = "36.48,-84.22,1500"
 
 
 def test_says_the_tiles_and_where_to_get_them(cli: Cli) -> None:
-    ended = cli("terrain", AREA)
-    assert ended.code == 0
+    ended = cli("terrain", AREA, code=0)
     for text in ("Copernicus_DSM_COG_10_N36_00_W085_00_DEM.tif", "N36W085.hgt", "EGM2008", "https://", "3DEP"):
         assert text in ended.out
 
 
 def test_across_180_degrees_and_high_up(cli: Cli) -> None:
-    ended = cli("terrain", "179.9,71.1,-179.9,71.3", "--json")
-    sets = {one["name"]: one for one in ended.document["sets"]}
+    sets = {one["name"]: one for one in cli("terrain", "179.9,71.1,-179.9,71.3", "--json").document["sets"]}
     assert sorted(sets["glo-30"]["tiles"]) == [
         "Copernicus_DSM_COG_10_N71_00_E179_00_DEM.tif", "Copernicus_DSM_COG_10_N71_00_W180_00_DEM.tif",
     ]  # fmt: skip
@@ -28,8 +26,7 @@ def test_across_180_degrees_and_high_up(cli: Cli) -> None:
 
 def test_elevation_data_all_over_the_area_is_a_yes(cli: Cli, tmp_path: Path) -> None:
     shutil.copy(DEM, tmp_path / "N36W085.tif")
-    ended = cli("terrain", AREA, "--dem", tmp_path, "--json")
-    assert ended.code == 0
+    ended = cli("terrain", AREA, "--dem", tmp_path, "--json", code=0)
     assert ended.document["known_share"] == 1.0
     sets = {one["name"]: one for one in ended.document["sets"]}
     assert sets["glo-30"]["missing"] == sets["glo-30"]["tiles"]
@@ -37,24 +34,18 @@ def test_elevation_data_all_over_the_area_is_a_yes(cli: Cli, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("area", ["36.446,-84.22,1500", "36.45,-84.8,1500"])
 def test_elevation_data_that_ends_in_or_before_the_area_is_a_no(cli: Cli, area: str) -> None:
-    ended = cli("terrain", area, "--dem", DEM, "--json")
-    assert ended.code == 1
-    assert ended.document["known_share"] < 1.0
+    assert cli("terrain", area, "--dem", DEM, "--json", code=1).document["known_share"] < 1.0
 
 
 def test_terrain_files_are_written_and_not_replaced(cli: Cli, tmp_path: Path) -> None:
     arguments = ("terrain", AREA, "--dem", DEM, "--dat", tmp_path / "TERRAIN")
-    ended = cli(*arguments, "--json")
-    assert ended.code == 0
-    [(name, blocks)] = ended.document["dat"].items()
+    [(name, blocks)] = cli(*arguments, "--json", code=0).document["dat"].items()
     assert Path(name).name == "N36W085.DAT"
     data = Path(name).read_bytes()
     assert len(data) % 2048 == 0
     assert sum(any(data[at : at + 2048]) for at in range(0, len(data), 2048)) == blocks
-    again = cli(*arguments)
-    assert again.code == 2
-    assert "already exists; use --force to overwrite" in again.error
-    assert cli(*arguments, "--force").code == 0
+    assert "already exists; use --force to overwrite" in cli(*arguments, code=2).error
+    cli(*arguments, "--force", code=0)
     assert Path(name).read_bytes() == data
 
 
@@ -72,9 +63,7 @@ def test_terrain_files_are_written_and_not_replaced(cli: Cli, tmp_path: Path) ->
     ],
 )
 def test_bad_input_is_one_line(cli: Cli, arguments: tuple[str, ...], telling: str) -> None:
-    ended = cli("terrain", *arguments, "-q")
-    assert ended.code == 2
-    assert telling in ended.error
+    assert telling in cli("terrain", *arguments, "-q", code=2).error
     assert not Path("x").exists()
 
 
