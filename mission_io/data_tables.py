@@ -7,7 +7,8 @@ from dataclasses import fields, is_dataclass
 from enum import EnumType
 from functools import cache
 from importlib import resources
-from typing import Any, TypeVar, get_args
+from types import NoneType
+from typing import Any, TypeVar, get_args, get_origin
 
 TableT = TypeVar("TableT")
 
@@ -37,22 +38,26 @@ def data_rows(kind: type[TableT], path: str, section: str) -> dict[str, TableT]:
     return {name: table_of(kind, row, where=f"{path}: {section}.{name}") for name, row in rows.items()}
 
 
-def table_of(kind: type[TableT], row: Mapping[str, Any], *, where: str) -> TableT:
-    """As ``data_table``, of a table that has been read."""
-    wanted: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
+def table_of(kind: type[TableT], row: Mapping[str, Any], *, where: str, **given: Any) -> TableT:
+    """As ``data_table``, of a table that has been read; ``given`` are fields that it does not have."""
+    wanted: dict[str, Any] = {f.name: f.type for f in fields(kind) if f.name not in given}  # type: ignore[arg-type]
     for key in (*row, *wanted):
-        if key not in wanted or key not in row:
+        if key not in wanted or not (key in row or NoneType in get_args(wanted[key])):
             raise ValueError(f"{where}.{key}: {'missing key' if key in wanted else 'unknown key'}")
-    values = {key: _checked(row[key], wanted[key], f"{where}.{key}") for key in wanted}
+    values = {key: _checked(row[key], wanted[key], f"{where}.{key}") if key in row else None for key in wanted}
     try:
-        return kind(**values)
+        return kind(**values, **given)
     except ValueError as error:  # of the dataclass's own checks
         raise ValueError(f"{where}: {error}") from None
 
 
 def _checked(value: object, kind: Any, where: str) -> object:
-    """A value of a field's type: float, int, str, bool, the name of an enum's member, a dataclass, or a tuple of these."""
-    if parts := get_args(kind):
+    """A value of a field's type: float, int, str, bool, the name of an enum's member, a dataclass, or some of these."""
+    if NoneType in (parts := get_args(kind)):
+        return _checked(value, parts[0], where)
+    if get_origin(kind) is frozenset:
+        return frozenset(_checked(part, parts[0], where) for part in value)  # type: ignore[attr-defined]
+    if parts:
         inner = parts[:1] * len(value) if parts[-1] is ... and isinstance(value, list) else parts
         if not isinstance(value, list) or len(value) != len(inner):
             raise ValueError(f"{where}: expected a list of another length, not {value!r}")

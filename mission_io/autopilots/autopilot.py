@@ -11,7 +11,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
-from mission_io.data_tables import read_document
+from mission_io.data_tables import read_document, table_of
 from mission_io.errors import MisuseError
 from mission_io.model.enums import AutopilotId, Firmware, MissionResult, VehicleClass, VehicleKind, kind_of
 from mission_io.model.items import FENCE_COMMANDS, WITHOUT_POSITION, Command, Frame, MissionItem, MissionType
@@ -246,49 +246,20 @@ class Autopilot:
         return self.storage.get((field_name, item.command))
 
 
-ARDUPILOT = Autopilot(
-    name="ArduPilot",
-    mav_autopilot=AutopilotId.ARDUPILOT,
-    firmware=Firmware.COPTER,
-    home_in_item_0=True,
-    frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME, Frame.ABOVE_TERRAIN}),
-    position_free_frames=frozenset(Frame),
-    command_frame_returned=Frame.AMSL,
-    returns_int_frames=False,
-    storage=ARDUPILOT_COPTER_STORAGE,
-    keeps_autocontinue=False,
-    nan_allowed={
-        Command.NAV_WAYPOINT: frozenset({4}),
-        Command.NAV_LAND: frozenset({4}),
-        Command.NAV_TAKEOFF: frozenset({4}),
-        Command.NAV_VTOL_TAKEOFF: frozenset({4}),
-        Command.NAV_VTOL_LAND: frozenset({3, 4}),
+def _as_in_data(section: str, storage: Storage, nan_allowed: Mapping[int, frozenset[int]]) -> Autopilot:
+    """An autopilot with what ``data/autopilots.toml`` says of it."""
+    path = "mission_io/data/autopilots.toml"
+    row = read_document(path)[section]
+    return table_of(Autopilot, row, where=f"{path}: {section}", storage=storage, nan_allowed=nan_allowed)
+
+
+ARDUPILOT = _as_in_data(
+    "ardupilot",
+    ARDUPILOT_COPTER_STORAGE,
+    {
+        **dict.fromkeys((_C.NAV_WAYPOINT, _C.NAV_LAND, _C.NAV_TAKEOFF, _C.NAV_VTOL_TAKEOFF), frozenset({4})),
+        _C.NAV_VTOL_LAND: frozenset({3, 4}),
     },
-    refuses_bad_numbers=True,
-    item_limit=650,
-    card_parameter="BRD_SD_MISSION",
-    legacy_requests=True,
-    rerequest_s=1.0,
-    give_up_s=8.0,
-    says_give_up=True,
-    atomic=frozenset({MissionType.FENCE}),
-    busy_result=MissionResult.DENIED,
-    busy_request_result=MissionResult.DENIED,
-    busy_clear_results=(MissionResult.DENIED, MissionResult.ERROR),
-    stopped_by=frozenset(),
-    answers_in_floats=True,
-    clears_all_at_once=False,
-    answers_strangers=True,
-    count_restarts=True,
-    wrong_sequence_result=MissionResult.INVALID_SEQUENCE,
-    acks_repeated_last_item=False,
-    idle_item_result=MissionResult.ERROR,
-    download_blocks_s=0.0,
-    boot_refusal_s=2.0,
-    has_list_ids=False,
-    takes_parts=True,
-    lists_as_files=True,
-    fences_cross_180=True,
 )
 """ArduPilot on multicopters and helicopters (ArduCopter)."""
 
@@ -307,44 +278,7 @@ ARDUPILOT_BLIMP = replace(ARDUPILOT, name="ArduPilot (airship)", firmware=Firmwa
 _ARDUPILOT_OTHER = replace(ARDUPILOT, name="ArduPilot (other)", firmware=Firmware.OTHER)
 """ArduPilot with an unknown MAV_TYPE: lists can be transferred, modes have no numbers."""
 
-PX4 = Autopilot(
-    name="PX4",
-    mav_autopilot=AutopilotId.PX4,
-    firmware=Firmware.PX4,
-    home_in_item_0=False,
-    frames=frozenset({Frame.AMSL, Frame.ABOVE_HOME}),
-    position_free_frames=frozenset({Frame.COMMAND}),
-    command_frame_returned=Frame.COMMAND,
-    returns_int_frames=True,
-    storage=PX4_STORAGE,
-    keeps_autocontinue=True,
-    nan_allowed={0: frozenset({1, 2, 3, 4})},
-    refuses_bad_numbers=False,
-    item_limit=None,
-    card_parameter=None,
-    legacy_requests=False,
-    rerequest_s=0.25,
-    give_up_s=5.0,
-    says_give_up=False,
-    atomic=frozenset(MissionType),
-    busy_result=MissionResult.ERROR,
-    busy_request_result=None,
-    busy_clear_results=(),
-    stopped_by=frozenset({MissionResult.OPERATION_CANCELLED}),
-    answers_in_floats=True,
-    clears_all_at_once=True,
-    answers_strangers=False,
-    count_restarts=False,
-    wrong_sequence_result=None,
-    acks_repeated_last_item=True,
-    idle_item_result=MissionResult.ERROR,
-    download_blocks_s=5.3,
-    boot_refusal_s=0.0,
-    has_list_ids=True,
-    takes_parts=False,
-    lists_as_files=False,
-    fences_cross_180=False,
-)
+PX4 = _as_in_data("px4", PX4_STORAGE, {0: frozenset({1, 2, 3, 4})})
 """PX4."""
 
 AUTOPILOTS = (ARDUPILOT, ARDUPILOT_PLANE, ARDUPILOT_ROVER, ARDUPILOT_SUB, ARDUPILOT_BLIMP, PX4)
