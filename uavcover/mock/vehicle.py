@@ -117,12 +117,12 @@ class MockVehicle(MockState):
 
     @cached_property
     def control(self) -> FlightControl:
-        """What the vehicle can be made to do."""
+        """The actions of the vehicle."""
         return FlightControl(self)
 
     @cached_property
     def failsafes(self) -> Failsafes:
-        """What it does by itself."""
+        """The reactions of the vehicle to failures."""
         return Failsafes(self.control)
 
     def receive(self, received: m.Received, now: float) -> None:
