@@ -212,9 +212,7 @@ class Behaviour:
     streams: Streams  # messages that it sends unasked
     transfer_clock: TransferClock  # the clock on which transfers time out
     terrain: GroundSource  # source of its terrain heights
-    stale_read_back: (
-        float  # fraction of the uploads after which a read-back still returns the previous list for a moment
-    )
+    stale_read_back: float  # fraction of the uploads after which a read-back still briefly returns the previous list
 
 
 def quick(ready_s: float = 2.0) -> Behaviour:
@@ -261,7 +259,7 @@ class MockParameter:
 
 
 def _parameters(autopilot: AutopilotId) -> Mapping[str, MockParameter]:
-    """Each row is a number, whole if it is written so, or names what of the settings it exposes."""
+    """Each row is a number, or names the setting that it exposes."""
     name, path = autopilot.name.lower(), "uavcover/data/mock_parameters.toml"
     plain = {"default": 0.0, "attribute": "", "per_unit": 1.0, "whole": False}
     return {

@@ -43,10 +43,10 @@ class Positioning:
 
     Attributes:
         position_m: the believed position, east, north, up.
-        velocity_m_s: over ground, believed to be as it is.
+        velocity_m_s: over ground, assumed exact.
         receiver_m: the latest position of the satellite receiver, delayed by its latency.
         lost: whether there is no fix.
-        glitch_m: by which the believed position is too far east, suddenly, as by a reflected or faked signal.
+        glitch_m: sudden error of the believed position to the east, as from a reflected or faked signal.
     """
 
     def __init__(self, point: PointMass, error: GpsError, *, rng: np.random.Generator) -> None:
@@ -148,7 +148,7 @@ class MockBody:
         air: the wind.
         battery: the battery and its charge.
         falling: whether it is in the air with its motors off.
-        motors_failed: whether its motors give no thrust although it is armed; the autopilot believes that it flies on.
+        motors_failed: whether its motors give no thrust although it is armed; the autopilot assumes that it flies.
     """
 
     def __init__(
@@ -304,7 +304,7 @@ class Trail:
             self._points.append(here)
 
     def note(self, here: Vector | None, now: float) -> str | None:
-        """Add a position, None where it is lost; why SmartRTL ends with it, in the autopilot's words."""
+        """Add a position, None if it is lost; return the autopilot's reason if SmartRTL ends with it."""
         if not self.is_active:
             return None
         if here is None:
@@ -339,7 +339,7 @@ class Trail:
         return f"SmartRTL deactivated: {why}"
 
     def _simplify(self) -> None:
-        """Ramer-Douglas-Peucker on what was added since the last time."""
+        """Simplify the positions added since the last call (Ramer-Douglas-Peucker)."""
         first = max(0, self._simplified - 1)
         self._points[first:] = _simplified(self._points[first:], FLIGHT.simplify_share * self._accuracy_m)
         self._simplified = len(self._points)

@@ -138,7 +138,7 @@ class PointMass:
         return self._asked
 
     def _turn(self, wanted_m_s: Vector) -> None:
-        """Yaw as ``heading_for`` says while there is a course, no faster than it can come to rest there."""
+        """Yaw towards ``heading_for`` while there is a course, and come to rest there."""
         frame, dt, error = self.airframe, self.step_s, 0.0
         if math.hypot(wanted_m_s[0], wanted_m_s[1]) >= 0.5 and (heading := self.heading_for(wanted_m_s)) is not None:
             error = math.remainder(heading - self.yaw_rad, math.tau)
@@ -244,7 +244,7 @@ class BatteryData:
     # hovering time on a full charge; a day by default, so that no flight ends unexpectedly
     endurance_s: float = 86_400.0
     hover_w: float = 300.0  # hovering power
-    power: PowerModel = field(default_factory=PowerModel)  # what flight takes, as a multiple of that
+    power: PowerModel = field(default_factory=PowerModel)  # power of flight, as a multiple of that
 
     def __post_init__(self) -> None:
         for name in ("endurance_s", "hover_w"):

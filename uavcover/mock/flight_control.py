@@ -121,7 +121,7 @@ class FlightControl:
     def start_mission(self) -> CommandResult:
         """Begin the mission: ArduPilot waits for this on the ground.
 
-        ArduPilot 4.7 changes to AUTO by itself, from any mode, and accepts it disarmed, too: then nothing follows.
+        ArduPilot 4.7 changes to AUTO from any mode, and accepts it disarmed without any effect.
         """
         state = self.state
         if state.is_ardupilot:
@@ -169,7 +169,7 @@ class FlightControl:
         self._fly_on()
 
     def fail_safe_smartly(self, what: str, otherwise: Mode) -> None:
-        """Return by SmartRTL where that is available; else return or land, as ArduCopter's failsafes do."""
+        """Return by SmartRTL if available; otherwise return or land, as ArduCopter's failsafes do."""
         state = self.state
         if state.trail.is_active and not state.body.believed.lost:
             if state.flying and state.custom_mode != SMART_RTL:

@@ -237,7 +237,7 @@ class _RestToRest:
         return self.rest_s * self._slower <= self.ramp_s
 
     def state(self, seconds: float) -> tuple[float, float, float]:
-        """Way, speed and acceleration at a time."""
+        """Distance, speed and acceleration at a time."""
         time = max(0.0, seconds) * self._slower
         if time <= self.ramp_s:
             return self._on_ramp(time)
@@ -377,7 +377,7 @@ class BrakedLegs(Legs):
         return beside_m <= self._motion.corner_radius_m and abs(end_m[2] - z) <= GUIDANCE.height_radius_m
 
     def _kept_share(self, speed_m_s: float) -> float:
-        """Of its speed, along the next leg."""
+        """Fraction of its speed along the next leg."""
         if self.passed + 1 >= len(self._legs) or speed_m_s < 0.1:
             return 0.0
         unit, _ = direction_and_length(self._place, self._legs[self.passed + 1].end_m)

@@ -148,11 +148,11 @@ def changed_speeds(speeds: Speeds, params: Sequence[float]) -> Speeds:
 
 
 class Itinerary:
-    """Steps being done one after the other.
+    """Steps that are carried out in order.
 
     Attributes:
-        completed: the items whose last step was done since they were taken out.
-        camera: what the camera has to do since it was taken out.
+        completed: the items whose last step was finished since they were last read.
+        camera: the camera actions since they were last read.
         stuck: whether it stays at its step after reaching it.
     """
 
@@ -188,7 +188,7 @@ class Itinerary:
         return self.step is not None and self.step.kind is StepKind.DESCEND
 
     def come_loose(self) -> None:
-        """Go on with the present step from where the vehicle is: its legs stood still while it was stuck."""
+        """Continue the present step from the vehicle's position: its legs stood still while it was stuck."""
         self.stuck = False
         if self._legs is not None and (step := self.step) is not None:
             self._led_until = 0
@@ -272,7 +272,7 @@ class Itinerary:
         self._lead(step, here)
 
     def _lead(self, step: Step, here: Vector) -> None:
-        """Have the vehicle led along the legs that begin now; those of waypoints go over into each other."""
+        """Lead the vehicle along the legs that begin now; legs between waypoints blend into each other."""
         if self._motion is None or step.kind not in (StepKind.CLIMB, StepKind.GO):
             self._legs = None
             return

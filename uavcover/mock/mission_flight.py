@@ -28,7 +28,7 @@ class MissionFlight:
     """Follows the mission of a vehicle; keeps ``mission_state`` and ``current_seq`` of its state.
 
     Attributes:
-        heights_are_old: whether home has moved, so that the next item begins with other heights than were laid out.
+        heights_are_old: whether home has moved, so that the next item begins at other heights.
     """
 
     def __init__(self, state: MockState) -> None:
@@ -79,7 +79,7 @@ class MissionFlight:
             self._state.mission_state = MissionState.PAUSED
 
     def enter(self) -> None:
-        """Fly it on after another mode: PX4 first climbs where it is to the next item's height (checkClimbRequired)."""
+        """Continue it after another mode: PX4 first climbs on the spot to the next item's height (checkClimbRequired)."""
         state, here = self._state, self._state.body.believed.position_m
         ahead = [place[2] for seq, place in mission_places(state).items() if seq >= state.current_seq]
         if state.is_ardupilot or not state.flying or not ahead or ahead[0] - here[2] <= FLIGHT.climb_from_m:

@@ -29,7 +29,7 @@ class Shares:
         late_lines: the lines that remained before the search.
         mended: after this fraction, infeasible routes are no longer repaired for the local search.
         judging: upper limit for evaluating the routes found on the evaluation grid; ...
-        judging_of_fewest: ... the same for large areas, enough for the fewest routes.
+        judging_of_fewest: ... for large areas, upper limit of the time for the fewest routes.
         judging_baselines: evaluating baselines after the first two.
         order: another order of the legs of several sorties.
         sizes: sorties and makespan of the routes that are not chosen.

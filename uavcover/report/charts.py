@@ -28,7 +28,7 @@ class ChartSize:
 
 WIDE = ChartSize("wide", 760.0, 270.0, 62.0, 14.0, 12.0, 44.0, x_ticks=8, y_ticks=6, points=1500)
 NARROW = ChartSize("narrow", 330.0, 250.0, 52.0, 10.0, 12.0, 42.0, x_ticks=4, y_ticks=5, points=600)
-"""On a phone, whose text has the size of the page's."""
+"""For a phone, with text as large as that of the page."""
 PRINTED = ChartSize("print", 720.0, 170.0, 46.0, 6.0, 8.0, 26.0, x_ticks=8, y_ticks=5, points=600)
 
 FRAMES = (WIDE, NARROW)

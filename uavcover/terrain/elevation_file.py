@@ -156,7 +156,7 @@ def _readable(path: TerrainSource) -> Iterator[None]:
     try:
         yield
     except (rasterio.errors.RasterioError, OSError) as error:
-        # rasterio says that reading fails; why, such as a tile of a VRT that is gone, GDAL says in its cause.
+        # rasterio reports only that reading failed; its cause has GDAL's reason, such as a missing tile of a VRT.
         said = error.__cause__ if "previous exception" in str(error) and error.__cause__ is not None else error
         reason = str(said).strip().splitlines()[0] if str(said).strip() else type(said).__name__
         raise TerrainError(unreadable(path, path.files[0], reason)) from error
@@ -164,7 +164,7 @@ def _readable(path: TerrainSource) -> Iterator[None]:
 
 @contextmanager
 def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
-    """Open a file or tiles and check what they say of themselves. Raises TerrainError: they cannot be used."""
+    """Open a file or tiles and check their metadata. Raises TerrainError: they cannot be used."""
     path = as_source(source)
     if vertical_datum not in DATUMS:
         known = f"use {', '.join(DATUMS)}, or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
@@ -316,7 +316,7 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
 
 
 def _filled(raster: _Raster, heights_m: FloatArray, frame: LocalFrame, first: NDArray[np.int64]) -> FloatArray:
-    """Heights whose gaps are closed as far as the scenario asks for it; says so."""
+    """Heights with gaps closed as the scenario requires; report it."""
     heights_m = raster.with_water(heights_m)
     up_to_m = raster.path.fill_no_data_m
     if up_to_m == 0.0 or not np.isnan(heights_m).any():

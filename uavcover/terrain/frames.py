@@ -315,7 +315,7 @@ class Undulation:
 
 
 def datum_named(text: str) -> str:
-    """One of ``DATUMS`` as the user writes it. Raises InputError: there is none of that name."""
+    """One of ``DATUMS``, from the user's spelling. Raises InputError: the name is unknown."""
     known = {datum.casefold(): datum for datum in DATUMS} | {"ellipsoid": ELLIPSOID}
     if text.casefold() not in known:
         raise InputError(f"--vertical-datum: must be EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid, not {text!r}")
@@ -323,7 +323,7 @@ def datum_named(text: str) -> str:
 
 
 def refuse_feet_by_guess(path: object, horizontal: CRS) -> None:
-    """Require the unit of heights that is not stated when positions are in feet: heights often are too.
+    """Require the unit of heights if it is not stated and positions are in feet, because heights often are, too.
 
     Raises:
         TerrainError: the system is in feet.

@@ -1,4 +1,4 @@
-"""The ground of a scenario: one surface in the local frame, used by every module; and gaps in heights that are filled."""
+"""The ground of a scenario: one surface in the local frame for every module; and filled gaps of heights."""
 
 import dataclasses
 import math
@@ -45,7 +45,7 @@ class Ground:
     # largest difference between heights above ground along a leg and along the parts it is cut into
     cut_error_m: float = 0.0
     surface_sha256: str = ""  # hash of the surface model's file that lies over it, empty without one
-    # parts of the map whose heights were not believed, with the reason in words; there is no data there
+    # parts of the map with rejected heights, each with the reason; they have no data
     left_out: tuple[tuple[BaseGeometry, str], ...] = ()
 
     def without(self, parts: Sequence[tuple[BaseGeometry, str]]) -> "Ground":
@@ -238,7 +238,7 @@ _NEIGHBOURS = np.ones((3, 3), dtype=int)
 
 @dataclass(frozen=True, slots=True)
 class FilledGaps:
-    """Heights without the gaps that were small enough."""
+    """Heights without small gaps."""
 
     heights_m: FloatArray  # (rows, columns) with NaN only where a gap is larger, or reaches the edge of the data
     count: int  # how many gaps were filled

@@ -1,7 +1,7 @@
-"""Heights that look like ground and are probably none (filled voids, spikes, steps between tiles), and asking about them.
+"""Suspicious heights (filled voids, spikes, steps between tiles), and the question about them.
 
-An elevation model marks missing data with a no-data value. Where a program has replaced the mark by a number, or never set it,
-the number reads as ground: a hill inside it is invisible. Such places show by their rim, which no ground has.
+An elevation model marks missing data with a no-data value. If a program replaces the mark by a number, or never sets it, the
+number looks like ground, and a hill inside it is invisible. Such positions have a rim that no ground has.
 """
 
 import math
@@ -65,9 +65,9 @@ _AROUND = np.ones((3, 3), dtype=int)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SuspectPixels:
-    """Pixels whose heights are not believed."""
+    """Pixels with suspicious heights."""
 
-    kind: Kind  # what they look like
+    kind: Kind  # kind of the suspicion
     first: tuple[int, int]  # row and column of the first one of ``mask``
     # (rows, columns) which pixels, in their bounding box; the ones that a warp may have blended included
     mask: BoolArray
@@ -94,11 +94,11 @@ class SuspectPixels:
 
 
 def suspect_pixels(heights_m: FloatArray, pixel_m: Size) -> list[SuspectPixels]:
-    """Find the pixels of a raster that do not look like ground.
+    """Find the pixels of a raster with suspicious heights.
 
     Args:
-        heights_m: (rows, columns) heights as the file has them, NaN without data: a correction that varies from place to place,
-            such as the geoid's, would hide that a block has one value.
+        heights_m: (rows, columns) heights as in the file, NaN without data. A correction that varies with the position, such as
+            the geoid's, would hide that a block has one value.
         pixel_m: height and width of a pixel.
     """
     if min(heights_m.shape) < 2 * (SUSPECTS.rim_pixels + 1):
@@ -246,7 +246,7 @@ def _rough_alone(heights: FloatArray, pixel_m: Size) -> BoolArray:
 
 
 def _ring(values: FloatArray, extreme: np.ufunc) -> FloatArray:
-    """The extreme of the 16 pixels two away from each; at the raster's edge of those that there are."""
+    """The extreme of the 16 pixels two away from each; at the raster's edge of the existing ones."""
     empty = -math.inf if extreme is np.maximum else math.inf
     padded = np.pad(values, 2, constant_values=empty)
     out = np.full(values.shape, empty)
@@ -289,7 +289,7 @@ def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
         part = part[:, enough]
         median = np.nanmedian(part, axis=0)
         alike = np.nanmean(np.sign(part) == np.sign(median), axis=0) >= SUSPECTS.step_share
-        # Beside a step half of it shows as a bend.
+        # Next to a step, half of it appears as a bend.
         padded = np.concatenate([[0.0], np.abs(median), [0.0]])
         peak = padded[1:-1] > SUSPECTS.step_times * np.maximum(padded[:-2], padded[2:])
         steps[row, enough] = np.where(alike & peak & (np.abs(median) > SUSPECTS.step_m), median, 0.0)
@@ -309,9 +309,9 @@ def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SuspectPlace:
-    """A place of elevation data whose heights are not believed."""
+    """A part of elevation data with suspicious heights."""
 
-    words: str  # what it looks like, and where
+    words: str  # description and position
     shape: BaseGeometry  # in longitude and latitude, degrees, continuous across 180
 
     def in_frame(self, frame: LocalFrame) -> BaseGeometry:
@@ -418,12 +418,12 @@ def trust_asked_for(
     frame: LocalFrame,  # of the region
     user: Asked,  # is asked
     *,
-    trusted: bool,  # whether the answer was given: then nothing is looked at
+    trusted: bool,  # whether the user already accepted them; then nothing is checked
 ) -> bool:
-    """Whether heights that do not look like ground are taken as they are; asks where there are any.
+    """Whether to accept suspicious heights; asks if there are any.
 
     Raises:
-        InputError: there are such heights, and the user does not want them, or was not there to be asked.
+        InputError: heights are suspicious, and the user rejects them, or cannot be asked.
     """
     if trusted:
         return True

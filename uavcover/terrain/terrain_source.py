@@ -248,17 +248,17 @@ def as_source(source: "Path | TerrainSource") -> TerrainSource:
 def find_tiles(
     names: Sequence[str], *, folder: Path, around: Bounds | None, key: str = "terrain.file"
 ) -> tuple[Path, ...]:
-    """The files that names mean: a file, a folder of tiles, a pattern such as ``tiles/*.hgt``, or several of them.
+    """The files of names: a file, a folder of tiles, a pattern such as ``tiles/*.hgt``, or several of them.
 
     Args:
-        names: as the scenario has them.
+        names: as in the scenario.
         folder: base of relative paths.
-        around: west, south, east, north in degrees of what is needed; of several files only those near it are taken.
+        around: west, south, east, north in degrees of the required ground; of several files only nearby ones are used.
         key: of the scenario, or the option, for errors.
 
     Raises:
         NoTileNearError: none of the tiles is near.
-        TerrainError: a folder or a pattern has no tile, or has too many.
+        TerrainError: a folder or a pattern has no tile, or too many.
     """
     found: list[Path] = []
     for name in names:
@@ -300,8 +300,8 @@ def find_tiles(
 def _gdal() -> rasterio.Env:
     """Settings of GDAL while a file is open.
 
-    It leaves no notes (``.gz.properties``) beside the user's files, and keeps little of what was read; by itself it would keep a
-    twentieth of the machine's memory.
+    It leaves no notes (``.gz.properties``) beside the user's files and caches little; by default it would use a twentieth of the
+    machine's memory.
     """
     return rasterio.Env(CPL_VSIL_GZIP_WRITE_PROPERTIES="NO", GDAL_CACHEMAX=_CACHE_BYTES)
 

@@ -1,6 +1,6 @@
 """Coverage of an area by photos of any origin, and its gaps; verification of flights by their photos.
 
-In: photos, lists of them, logs, an area with elevation data. Out: photos per point, gaps, the flight for them.
+In: photos, lists of them, logs, an area with elevation data. Out: photos per point, gaps, a flight for the gaps.
 Begin with ``command.py``, then ``judge_photos.py``; ``verify --photos`` and ``--area`` begin in ``any_flight.py``.
 """
 

@@ -47,12 +47,12 @@ __all__ = [
 ]
 
 PHOTOS = "photos"
-"""The folder inside a run folder where the verdict on photos is kept."""
+"""Folder inside a run folder for the verdict on photos."""
 _IN_FLIGHT_M = 5.0
 
 
 def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> GivenEvidence:
-    """Tell tracks from photos among what was given as logs; what was given as photos stays so."""
+    """Separate tracks from photos among the given logs; the given photos remain photos."""
     seen = [path for path in logs if _is_of_pictures(path)]
     return GivenEvidence(tuple(path for path in logs if path not in seen), (*seen, *photos), system)
 
@@ -88,24 +88,24 @@ def _is_track(path: Path) -> bool:
 
 def verify_evidence(
     run: RunFolder,  # with a scenario
-    evidence: GivenEvidence,  # with photos; without logs the run's own track counts, where there is one
-    request: PhotoRequest,  # how photos are judged; its sources and its scenario are those of the run
+    evidence: GivenEvidence,  # with photos; without logs, the run's own track counts, if any
+    request: PhotoRequest,  # settings for photos; its sources and its scenario are those of the run
     user: User,  # receives the verdict
     *,
     command: Sequence[str],  # the command line, for ``run.json``
     accepted: Sequence[str] = (),  # changes since planning that are accepted
 ) -> dict[str, Any]:
-    """The verdict on a flight of a run folder: the coverage by its photos, everything else by its track.
+    """The verdict on a flight of a run folder: the coverage from its photos, everything else from its track.
 
     Returns:
-        What ``verification.json`` says; without a track, what ``photos/photos.json`` does.
+        The content of ``verification.json``, or of ``photos/photos.json`` without a track.
 
     Raises:
         InputError: something cannot be read or used.
     """
     run.existing("scenario.toml", made_by="uavcover plan")
     with run.reserved((), force=True):
-        run.remove(VERDICT_FILES)  # if the photos cannot be read, no older verdict stands for them
+        run.remove(VERDICT_FILES)  # if the photos cannot be read, no older verdict must remain
     asked = replace(request, photos=evidence.photos, area=None, scenario=run.path, refly=False, force=True)
     verdict, document = judge_photos(asked, RunFolder(run.file(PHOTOS)), user, command=command)
     if not evidence.logs and not was_flown(run):
@@ -150,20 +150,18 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
 def run_of_flight(
     area: NewRequest, evidence: GivenEvidence, user: User, *, out: RunFolder, command: Sequence[str], force: bool
 ) -> GivenEvidence:
-    """Write the scenario of a flight that was not planned here.
+    """Write the scenario of a flight that was not planned here, and add the photos in its logs to the evidence.
 
-    The photos in its logs join the evidence.
-
-    The scenario asks for what the user asked for: without ``--overlap`` no overlap, without ``--gsd`` no sample distance, without
-    ``--max-height`` no ceiling, and no fence.
+    The scenario contains only the user's requirements: no overlap without ``--overlap``, no ground sample distance without
+    ``--gsd``, no ceiling without ``--max-height``, and no fence.
 
     Args:
-        area: what should be seen, with elevation data and camera.
+        area: the required area, with elevation data and camera.
         evidence: with at least one log.
-        user: receives notes on what is not judged.
-        out: where ``scenario.toml`` is written.
+        user: receives notes on unchecked requirements.
+        out: folder of ``scenario.toml``.
         command: the command line, for ``run.json``.
-        force: whether it may be replaced.
+        force: whether to replace it.
 
     Raises:
         InputError: something is missing or cannot be used; the flight was elsewhere.
@@ -245,7 +243,7 @@ def run_of_flight(
 
 
 def _record(out: RunFolder, logs: Sequence[Path], command: Sequence[str]) -> None:
-    """``run.json``: later changes of what this flight is judged by are noticed."""
+    """``run.json``, so that later changes of the inputs are detected."""
     hashes = inspect_inputs(out, logs).hashes
     inputs = {
         name: {"sha256": hashes[name]} for name in ("scenario", "terrain", "surface", "obstacles") if name in hashes

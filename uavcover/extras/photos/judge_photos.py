@@ -1,4 +1,4 @@
-"""Judging photos that were taken, and planning the flight for what is missing, as ``judge-photos`` does it."""
+"""Judge photos, and plan a flight for missing ones (``judge-photos``)."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ _SHOWN_NAMES = 3
 def judge_photos(
     request: PhotoRequest, out: RunFolder, user: User, *, command: Sequence[str]
 ) -> tuple[PhotoVerdict, dict[str, Any]]:
-    """Judge photos, write the files of the verdict, plan the flight for what is missing, and say it.
+    """Judge photos, write the files of the verdict, plan a flight for missing photos, and print the result.
 
     Raises:
         InputError: an area, a photo, a list or an option cannot be used.
@@ -104,7 +104,7 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
 def _refly(
     verdict: PhotoVerdict, out: RunFolder, request: PhotoRequest, user: User, *, command: Sequence[str]
 ) -> dict[str, Any] | None:
-    """Plan the flight for the gaps as a survey of its own. None if no flight inside the limits closes them."""
+    """Plan the flight for the gaps as a separate survey. None if no flight inside the limits closes them."""
     site = missing_site(verdict)
     missing_m2 = float(verdict.coverage.grid.weight_m2[verdict.lacking].sum())
     user.say(f"{'missing':18}{missing_m2:.0f} square metres of visible ground")
@@ -127,7 +127,7 @@ def missing_site(verdict: PhotoVerdict) -> Site:
     site = verdict.site
     frame, own = frame_of(site), site.scenario.area
     stairs = cells_outline(verdict.coverage, np.flatnonzero(verdict.lacking))
-    # The outline of cells is stairs: one step around it is flown as well.
+    # The outline of cells has steps, so extend it by one step.
     region = shapely.simplify(stairs.buffer(own.cell_size_m), 0.5 * own.cell_size_m)
     level_m = float(verdict.coverage.grid.cells.centre_m[:, 2].mean())
 

@@ -33,12 +33,10 @@ _DEGREES = CRS.from_epsg(4326)
 
 
 def read_geo_txt(path: Path) -> list[Picture]:
-    """Read ODM's geolocation file.
-
-    Its angles are omitted, which ODM does not use for positions either.
+    """Read ODM's geolocation file, without its angles, which ODM does not use for positions either.
 
     Raises:
-        TrackError: it is none.
+        TrackError: it is not one.
     """
     lines = [(number, line.split()) for number, line in enumerate(_text(path).splitlines(), start=1) if line.strip()]
     if not lines:
@@ -150,7 +148,7 @@ _SIXTY = 60.0
 _NEGATIVE = {"lat_deg": ("s",), "lon_deg": ("w",), "alt_m": ("below", "negative", "1", "3")}
 _ABOVE_ELLIPSOID = ("2", "3", "positive ellipsoid", "negative ellipsoid")
 _MAY_BE_ODD = {"exposure_s", "focal_length_mm", "focal_length_35mm", "digital_zoom"}
-"""Columns where ExifTool prints words such as "undef", too."""
+"""Columns in which ExifTool may print words such as "undef"."""
 
 
 def read_table(path: Path) -> list[Picture]:
@@ -271,13 +269,13 @@ LOGS = (".bin", ".tlog", ".ulg")
 
 
 def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
-    """The photos of a log, numbered in order of time, and what is to be said of it.
+    """The photos of a log, numbered in order of time, and notes on them.
 
-    A photo is where the log says that it was taken, or else where the vehicle was then; its height and the vehicle's attitude
-    are those of the vehicle at that time.
+    The position of a photo is the logged one, otherwise that of the vehicle at the time; its height and the attitude are those of
+    the vehicle at that time.
 
     Raises:
-        TrackError: no such log, without positions, or it records no photos.
+        TrackError: the log is missing, has no positions, or records no photos.
     """
     rows = READERS[path.suffix.lower()](path)
     if rows.pictures is None or not len(rows.pictures):

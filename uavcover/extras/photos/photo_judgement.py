@@ -1,4 +1,4 @@
-"""The verdict on photos: where they were taken, what they show, whether it is enough."""
+"""The verdict on photos: their positions, the ground that they show, and whether it suffices."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ from uavcover.verification.gaps import find_gaps
 USUAL_COVERAGE = 0.98
 _SAME_SHAPE = 0.03
 BLUR_PX = 1.0
-"""Photos in which the ground moves farther are reported."""
+"""Motion of the ground during the exposure above which photos are reported."""
 _FARTHEST_M = 5000.0
 
 
@@ -48,22 +48,23 @@ class PhotoRequest:
     """Requirements on photos."""
 
     photos: Sequence[Path]  # folders, photo files, lists
-    area: NewRequest | None  # what should be seen, with elevation data and camera; none with ``scenario``
+    area: NewRequest | None  # the required area, with elevation data and camera; None with ``scenario``
     scenario: Path | None  # of the survey, instead
-    # what is taken where photos do not tell it; the height of take-off is filled in from ``takeoff``
+    # defaults for missing metadata; the height of take-off comes from ``takeoff``
     assumed: Assumptions
-    takeoff: tuple[float, float] | None  # latitude and longitude: heights above it count, not those above the sea
-    # fraction of the visible ground that some photo has to show; None: what the scenario requires, or 0.98
+    # latitude and longitude; if given, heights above it count instead of those above the sea
+    takeoff: tuple[float, float] | None
+    # required coverage of the visible ground; None: the scenario's value, or 0.98
     coverage: float | None
-    # whether the camera hangs on its vehicle as the sensor says, where photos tell only the vehicle's attitude
+    # whether the sensor's mount applies to photos that contain only the vehicle's attitude
     mount_known: bool
-    refly: bool  # whether to plan the flight for what is missing
+    refly: bool  # whether to plan a flight for missing photos
     budget_s: float | None  # time for its search; None: the scenario's number of evaluations
-    force: bool  # whether files may be replaced
+    force: bool  # whether to replace files
     detection: DetectionCurve | None = None  # probability that one look finds the object; None: there is no search
     # least mean probability, over the area, that the photos find it; None: it is only reported
     pod: float | None = None
-    # photos in which the ground moves farther do not count, and none whose blur is not known; None: any count
+    # largest motion of the ground during the exposure; photos with more, or with unknown blur, do not count; None: all count
     max_blur_px: float | None = None
 
 
@@ -71,7 +72,7 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
     """The photos of the site's camera in its frame.
 
     Raises:
-        InputError: none is of that camera or can be placed, or the place of take-off has no ground.
+        InputError: none is from that camera or can be placed, or the take-off position has no ground.
     """
     assumed = request.assumed
     if request.takeoff is not None:
@@ -237,7 +238,7 @@ def _warned(doubts: list[str], user: User) -> list[str]:
 
 
 def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: PlacedPictures) -> FrameCamera:
-    """The camera with its whole photo, however far: only what the user asked for limits it."""
+    """The camera with its whole photo at any distance; only the user's requirements limit it."""
     grid = judging_map(site).grid
     highest = float(placed.eyes_m[:, 2].max() - grid.cells.centre_m[:, 2].min())
     reach_m = min(

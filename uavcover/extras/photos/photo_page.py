@@ -1,4 +1,4 @@
-"""The report of a verdict on photos, as ``judge-photos --report`` writes it: one HTML file that needs no network."""
+"""The report of a verdict on photos, as ``judge-photos --report`` writes it: one HTML file that opens offline."""
 
 import math
 import os
@@ -43,7 +43,7 @@ LAYERS = ("footprints", "pictures", "gaps")
 
 
 def check_geopackage(path: Path, *, force: bool) -> None:
-    """See before photos are judged that the file can be written.
+    """Check before the photos are judged that the file can be written.
 
     Raises:
         InputError: pyogrio is not installed, or the name has another ending.
@@ -188,7 +188,7 @@ def save_photo_report(verdict: PhotoVerdict, path: Path, user: User, *, force: b
 
 
 def refuse_to_replace(path: Path, *, force: bool) -> None:
-    """See before photos are judged that their report can be written.
+    """Check before the photos are judged that their report can be written.
 
     Raises:
         OutputError: it already exists and ``force`` is not set.
@@ -232,7 +232,7 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
 
 
 def footprints_drawn_every(verdict: PhotoVerdict) -> int:
-    """Every how many photos a footprint is drawn."""
+    """Interval of the photos whose footprints are drawn."""
     return max(1, math.ceil(len(verdict.placed.pictures) / MAX_FOOTPRINTS))
 
 

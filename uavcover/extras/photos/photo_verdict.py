@@ -33,21 +33,21 @@ from uavcover.verification.gaps import GapRegion, cells_geotiff, reason_codes
 class PhotoVerdict:
     """Verdict on photos."""
 
-    site: Site  # whose area it is, as a flight for it is planned
+    site: Site  # the site of the area, for planning a flight
     coverage: CoverageMap  # its cells with the whole photo in view
     placed: PlacedPictures  # the photos that count
-    shown: ShownCells  # what they show
+    shown: ShownCells  # the ground that they show
     drawn: BoolArray  # (cells,) of the area without its margin
     asked: int | None  # photos in which the overlap asked for puts each point; None if none is
     blur_px: FloatArray  # (n,) of each photo that counts, NaN if unknown
-    gaps: list[GapRegion]  # where too few show it
-    judgement: Judgement  # the decision, and what it comes from
-    document: dict[str, Any]  # what ``photos.json`` says
+    gaps: list[GapRegion]  # areas with too few photos
+    judgement: Judgement  # the decision, and its reasons
+    document: dict[str, Any]  # the content of ``photos.json``
     too_blurred: int = 0  # photos that do not count because their blur exceeds the limit
 
     @property
     def needed(self) -> int:
-        """Photos in which each cell has to be."""
+        """Required number of photos of each cell."""
         return self.asked or 1
 
     @property
@@ -57,7 +57,7 @@ class PhotoVerdict:
 
     @property
     def lacking(self) -> BoolArray:
-        """(cells,) of the drawn area that could be seen and are in too few photos."""
+        """(cells,) of the drawn area that are visible but in too few photos."""
         return self.drawn & self.coverage.coverable & ~self.shown.enough(self.needed)
 
 

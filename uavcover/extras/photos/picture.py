@@ -53,10 +53,10 @@ class Picture:
     yaw_deg: float | None = None
     pitch_deg: float | None = None  # of the camera above the horizon: -90 looks straight down
     roll_deg: float | None = None  # of the camera, clockwise as it looks
-    vehicle_yaw_deg: float | None = None  # of the vehicle's nose
+    vehicle_yaw_deg: float | None = None  # of the vehicle
     vehicle_roll_deg: float | None = None  # of the vehicle, right side down is positive
     vehicle_pitch_deg: float | None = None  # of the vehicle, nose up is positive
-    horizontal_error_m: float | None = None  # of its place, one standard deviation
+    horizontal_error_m: float | None = None  # of its position, one standard deviation
     vertical_error_m: float | None = None  # of its height
     speed_m_s: float | None = None  # over ground
     exposure_s: float | None = None  # time for which the shutter was open
@@ -67,11 +67,11 @@ class Picture:
     # of the exposure that it belongs to: bands of a multispectral camera, and cameras of a rig, share one
     capture_id: str | None = None
     digital_zoom: float | None = None  # how many times a digital zoom enlarged it
-    fault: str | None = None  # why its file cannot be read
+    fault: str | None = None  # reason why its file cannot be read
 
     @property
     def has_position(self) -> bool:
-        """Whether it tells where it was taken."""
+        """Whether its position is known."""
         return self.lat_deg is not None and self.lon_deg is not None
 
     @property
@@ -81,11 +81,11 @@ class Picture:
 
     @property
     def has_direction(self) -> bool:
-        """Whether it tells where its camera looked."""
+        """Whether the direction of its camera is known."""
         return self.pitch_deg is not None and self.yaw_deg is not None
 
     def lacks(self) -> str | None:
-        """Reason why it shows nothing known; None if it does."""
+        """Reason why it proves nothing; None if it does."""
         if self.fault is not None:
             return self.fault
         if self.is_zoomed:
@@ -139,15 +139,15 @@ def moment(text: str) -> tuple[float | None, bool]:
     return whole_s + float(found[7] or 0.0) - ahead_s, bool(found[8] or found[9])
 
 
-# The scenario of a survey that somebody flew already: its area, its photos' camera, the height it was flown at.
+# The scenario of a survey that was already flown: its area, the camera of its photos, and its height.
 
 CAMERA_FILE = "camera.toml"
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 LENS_DIFFERS = 0.1
-"""Share by which the focal lengths of one lens may differ, as photos round them."""
+"""Largest relative difference of the focal lengths of one lens, because photos round them."""
 _FIRST_HEIGHT_M = 80.0
 _LOWEST_M = 1.02 * SURVEY.lowest_top_m
-"""A flight for what is missing is planned no lower."""
+"""Lowest height of a flight for missing photos."""
 
 
 class _Unheard(Unattended):
@@ -205,7 +205,7 @@ def _gsd_text(gsd_m: float) -> str:
 
 
 def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str, Counter[str]]:
-    """A camera file by what the photos tell; its title, its path, and how many photos other cameras took."""
+    """A camera file from the photos' metadata; its title, its path, and the number of photos from other cameras."""
     telling = [p for p in pictures if p.focal_length_mm and p.focal_length_35mm and p.pixels]
     if not telling:
         raise InputError(
@@ -240,7 +240,7 @@ def _quoted(text: str) -> str:
 
 
 def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -> None:
-    """Warn of a camera whose field of view is not that which the photos tell."""
+    """Warn of a camera whose field of view contradicts the photos."""
     films_mm = [p.focal_length_35mm for p in pictures if p.focal_length_35mm]
     if not films_mm:
         return

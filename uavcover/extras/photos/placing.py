@@ -21,7 +21,7 @@ from uavcover.terrain.ground import Ground
 
 _NO_COURSE_M = 0.5
 _ROUGHLY_M = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
-"""Errors are rounded up to these, so that photos of like errors are counted together."""
+"""Errors are rounded up to these, so that photos with similar errors are counted together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,14 +36,13 @@ class Assumptions:
     pitch_deg: float = -90.0  # of the camera if unknown
     takeoff_alt_amsl_m: float | None = None  # of the place of take-off: heights above it count, if given
     geoid_height_m: float | None = None  # of the sea level above the ellipsoid; default: by PROJ's grid
-    # a camera whose mount says how it hangs on the vehicle, for photos that tell the vehicle's attitude only; None: that is not
-    # known
+    # a camera whose mount applies to photos that contain only the vehicle's attitude; None: unknown
     mounted: FrameCamera | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedPictures:
-    """The n photos that have a place and a direction."""
+    """The n photos with a position and a direction."""
 
     pictures: tuple[Picture, ...]  # themselves
     eyes_m: FloatArray  # (n, 3) ENU
@@ -68,11 +67,11 @@ class PlacedPictures:
 def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assumptions) -> PlacedPictures:
     """Place photos in the local frame.
 
-    A camera without known angles hangs on its vehicle as ``assumed.mounted`` does. Where that is not known either, it looks
-    along ``assumed.pitch_deg``, its photo's top along the vehicle's nose, or else along the line on which the photos lie.
+    A camera without known angles has the mount of ``assumed.mounted``. If that is unknown, too, it looks along
+    ``assumed.pitch_deg``, with the top of its photo along the vehicle's heading, or otherwise along the line of the photos.
 
     Raises:
-        TrackError: none can be placed, or heights above the ellipsoid cannot be brought to sea level.
+        TrackError: none can be placed, or heights above the ellipsoid cannot be converted to sea level.
     """
     left_out = {picture.name: why for picture in pictures if (why := picture.lacks()) is not None}
     placed = [picture for picture in pictures if picture.name not in left_out]
@@ -175,7 +174,7 @@ def _geoid_m(lat: FloatArray, lon: FloatArray, wanted: BoolArray, assumed: Assum
 
 
 def _yaws_deg(pictures: Sequence[Picture], eyes_m: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Headings of the photos' tops, and whether there is one."""
+    """Headings of the photos' tops, and whether they are known."""
     yaw = np.array(
         [np.nan if (a := p.yaw_deg if p.has_direction else p.vehicle_yaw_deg) is None else a for p in pictures]
     )
@@ -240,10 +239,10 @@ class MissingStretch:
 
 
 def missing_stretches(placed: PlacedPictures) -> list[MissingStretch]:
-    """Find where photos of a flight are missing, whether or not the ground there is in enough others.
+    """Find missing photos of a flight, even if other photos show the ground there.
 
-    A step counts that is half as long again as the steps around it and as the flight's median, and either skips numbers of the
-    photos' names, or goes straight on and takes half as long again. The vehicle is not much slower on it than around it.
+    A step counts if it is half as long again as the steps around it and as the flight's median, and either skips numbers in the
+    photos' names, or continues straight and takes half as long again. The vehicle must not be much slower on it than around it.
     """
     found: list[MissingStretch] = []
     for _, group in itertools.groupby(range(len(placed.pictures)), key=lambda k: placed.pictures[k].clock):
@@ -302,13 +301,13 @@ def height_doubts(
     ground: Ground,  # of the elevation data
     *,
     by_takeoff: bool,  # whether heights above take-off count, from the ground there, or those above sea level
-    error_m: float,  # what a height may be wrong by before anything is said
+    error_m: float,  # tolerated error of a height
     home_en_m: FloatArray | None = None,  # (2,) ENU metres of the planned home, where there is a plan
 ) -> list[str]:
     """Contradictions between heights and the elevation data, or among heights.
 
-    Many aircraft tell two heights: above sea level by satellites, and above the place of take-off by pressure. Their
-    difference is the height of that place, the same in the whole flight, and somewhere near has to be ground at that height.
+    Many aircraft record two heights: above sea level from satellites, and above take-off from pressure. Their difference is the
+    height of the take-off position, constant during the flight, and ground at that height must be nearby.
     """
     above_m = ground.heights_agl_m(placed.eyes_m)
     doubts = []

@@ -248,11 +248,11 @@ class PictureSet:
     """All photos of a flight."""
 
     pictures: tuple[Picture, ...]  # in order of time, clock by clock, where all tell it, otherwise of name
-    notes: tuple[str, ...]  # what the user should know of how they were read
+    notes: tuple[str, ...]  # notes for the user
 
     @property
     def sha256(self) -> str:
-        """Hash of all that was read of the photos: the basis of a verdict on them."""
+        """Hash of all data read from the photos: the basis of a verdict on them."""
         return hashlib.sha256("\n".join(map(repr, self.pictures)).encode()).hexdigest()
 
 
@@ -263,7 +263,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     list does not tell is taken from the file.
 
     Args:
-        sources: what the user gave.
+        sources: the user's paths.
         progress: receives the number of photo files that were read, and of all.
 
     Raises:
@@ -351,7 +351,7 @@ def _new_name(name: str, source: Path, taken: Mapping[str, Picture]) -> str:
 
 
 def _joined(row: Picture, file: Picture | None) -> Picture:
-    """A row of a list, with what only the photo's file tells."""
+    """A row of a list, completed by the photo's file."""
     if file is None:
         return row
     missing = {

@@ -1,4 +1,4 @@
-"""Evaluate placed photos on an area: how often, from how many sides, how finely, how surely, and why not."""
+"""Evaluate placed photos on an area: their number, sides, resolution and certainty, and reasons for gaps."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +26,7 @@ _FAR_FINER = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """Probability that the photos find a target, in each of n cells, if it is there."""
+    """Probability that the photos find a target in each of n cells."""
 
     curve: DetectionCurve  # of one look
     best_look: FloatArray  # (n,) by the best photo alone

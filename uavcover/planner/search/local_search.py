@@ -210,7 +210,7 @@ def starts_worth_looking_at(
     """Routes as initial solutions for a goal, without those too expensive for :func:`best_starts`.
 
     Computing coverage is slow on many cells, and missing coverage only adds to the cost. So routes are evaluated from the
-    cheapest on, until the next one costs more than the total of the best CHAINS.
+    cheapest on, until the next one costs more than CHAINS evaluated ones with their missing coverage.
 
     Returns:
         Initial solutions in the order of the routes; the best CHAINS of all are among them.

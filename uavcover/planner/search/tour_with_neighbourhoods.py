@@ -78,7 +78,7 @@ def spread(
 
 
 def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: Callable[[Route], None]) -> Fewest:
-    """Add a waypoint until everything is observed, then remove one, and try each number again.
+    """Add waypoints until everything is observed, then remove them one by one; try each number again.
 
     Args:
         work: as of :func:`spread`.
