@@ -77,9 +77,9 @@ def _in_command_frame(item: MissionItem) -> MissionItem:
 
 
 def command_read_back(item: MissionItem) -> MissionItem:
-    """The item with the frame COMMAND when its command has no position, whichever frame the autopilot returned.
+    """The item with the frame COMMAND if its command has no position, in any returned frame.
 
-    What was read as degrees becomes the whole numbers again that parameters 5 and 6 are.
+    Parameters 5 and 6 that were read as degrees become whole numbers again.
     """
     if item.command not in WITHOUT_POSITION or not item.has_position:
         return item

@@ -201,7 +201,7 @@ class LackingError(EndedError):
 
 @dataclass(frozen=True, slots=True)
 class ProtocolCase(Generic[SubjectT]):
-    """One question."""
+    """One case for a vehicle."""
 
     name: str  # for ``--case`` and tables
     says: str  # the rule of the guide, in short

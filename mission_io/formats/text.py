@@ -235,7 +235,7 @@ def xml_root(text: str) -> tuple[ElementTree.Element, tuple[str, ...]]:
 
 
 def parse_xml(text: str, parser: expat.XMLParserType) -> bytes:
-    """Give a document to a parser; its bytes. Raises FormatError: invalid XML, with the line."""
+    """Parse a document; return its bytes. Raises FormatError: invalid XML, with the line."""
     try:
         data = text.encode("utf-8")
         parser.Parse(data, True)
@@ -262,7 +262,7 @@ def child_text(element: ElementTree.Element, name: str) -> str | None:
 
 
 def number_in(text: str | None, where: str) -> float:
-    """A finite number of a document. Raises FormatError: it is missing or no number."""
+    """A finite number of a document. Raises FormatError: it is missing or not a number."""
     try:
         value = plain_float(text or "")
     except ValueError:
@@ -394,7 +394,7 @@ def doubts_about_fence(fence: Fence) -> tuple[str, ...]:
 
 
 def _is_in_ring(lat_deg: float, lon_deg: float, ring: Sequence[LatLon]) -> bool:
-    """By the number of edges that a line to the east crosses; longitudes count from the position, the short way."""
+    """Whether a position is in a ring, by the edges that a line to the east crosses; longitudes count the short way."""
     inside = False
     for begin, end in zip(ring, (*ring[1:], *ring[:1]), strict=True):
         if (begin.lat_deg > lat_deg) != (end.lat_deg > lat_deg):

@@ -300,7 +300,7 @@ class TcpListeningLink(Closing):
 
     @property
     def peers(self) -> tuple[str, ...]:
-        """The names of those who are connected."""
+        """The names of all connected peers."""
         return tuple(peer.channel.name for peer in self._peers.values())
 
     @property
@@ -332,7 +332,7 @@ class TcpListeningLink(Closing):
         return self._frames.popleft()
 
     def close(self) -> None:
-        """Let go of the port and of everybody; closing twice is fine."""
+        """Close the port and all connections; closing twice has no effect."""
         self._listener.close()
         for peer in self._peers.values():
             peer.channel.close()

@@ -225,7 +225,7 @@ class PointMount:
 class PointGimbal:
     """Point a gimbal: pitch 0 is level, -90 straight down. None leaves an axis unchanged; gimbal 0 is the first.
 
-    ``flags`` are GIMBAL_MANAGER_FLAGS; 0 keeps yaw with the vehicle's nose.
+    ``flags`` are GIMBAL_MANAGER_FLAGS; 0 keeps the yaw relative to the vehicle.
     """
 
     COMMAND: ClassVar = Command.DO_GIMBAL_MANAGER_PITCHYAW

@@ -219,11 +219,7 @@ def kind_of(vehicle_type: int) -> VehicleKind:
 
 
 def parse_type(text: str) -> int:
-    """The MAV_TYPE number of a vehicle's name; ``vtol`` is short for the most usual of them.
-
-    Raises:
-        MisuseError: no vehicle has that name; it says which names there are.
-    """
+    """The MAV_TYPE number of a vehicle's name; ``vtol`` is short for the most common of them."""
     wanted = "vtol-fixedrotor" if text == "vtol" else text
     vehicles = {name: number for number, (name, kind) in _TYPES.items() if kind is not VehicleKind.NO_VEHICLE}
     if wanted not in vehicles:

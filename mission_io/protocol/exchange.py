@@ -171,7 +171,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
         return self._last_heard + max(self.timing.stall_s, 2.0 * self._slowest_s)
 
     def _silent_at(self) -> float:
-        """Time at which a silence means that the vehicle is gone: later by this."""
+        """Time after which a silence means that the vehicle is gone."""
         return self._stalled_at() + max(0.0, self.timing.give_up_s - self.timing.stall_s)
 
     def _note_restart(self, now: float) -> None:

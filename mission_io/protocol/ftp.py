@@ -144,7 +144,7 @@ class MadeFiles(Protocol):
         """Current content of a file; None for one that is on the card."""
 
     def written(self, path: str, content: bytes) -> None:
-        """Take a file that was written and closed."""
+        """Receive a file that was written and closed."""
 
 
 class FtpServer:

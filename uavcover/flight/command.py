@@ -205,7 +205,7 @@ def _seal(run: RunFolder, log: FlightLog, outcome: FlightOutcome | None, options
 
 
 def _keep_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, user: User) -> None:
-    """``flight.rrd`` from ``track.csv``; an error of the flight itself is the one that counts."""
+    """Write ``flight.rrd`` from ``track.csv``; an error of the flight itself takes precedence."""
     if log.sample_count < 2:
         return
     failed = sys.exception() is not None

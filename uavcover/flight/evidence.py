@@ -298,11 +298,11 @@ class Causes:
         return None
 
     def of_mode_change(self, incidents: Mapping[Ending, str], *, unanswered: str = "") -> Cause:
-        """Reason for which the vehicle left the commanded mode a moment ago.
+        """Reason for which the vehicle recently left the commanded mode.
 
         Args:
-            incidents: what goes wrong now, or did until a moment ago, with what was reported of it.
-            unanswered: that it is heard and does not answer, so that it may not hear us; empty while it answers.
+            incidents: present and recent incidents, with their reports.
+            unanswered: sign that it is heard and does not answer, so that it may not hear us; empty while it answers.
         """
         state = self._client.vehicle.system_status
         found = self.recent(within_s=WATCH.sign_within_s)

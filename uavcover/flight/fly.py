@@ -207,7 +207,7 @@ class FlightRun:
         self.session.simulated = self.simulator is not None
 
     def watch_preconditions(self, plan: FlightPlan) -> None:
-        """Watch in flight what was checked; a change of what returns depend on judges the returns again."""
+        """Watch the checks before arming; a change that affects returns checks the returns again."""
         session, returns = self.session, plan.returns
 
         def returns_changed(parameters: Mapping[str, float]) -> None:

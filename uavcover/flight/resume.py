@@ -221,7 +221,7 @@ def save_part(
 
 
 def scenario_of_fleet(sortie: RunFolder) -> str | None:
-    """SHA-256 of the fleet's scenario, for a sortie of a vehicle unlike the others; None for other plans."""
+    """SHA-256 of the fleet's scenario, for a sortie of a different vehicle; None for other plans."""
     record = read_record(sortie)
     asked = None if record.inputs is None else record.inputs.get("scenario")
     return asked if asked != record.files.get("scenario.toml") else None

@@ -264,7 +264,7 @@ class _Model:
         return np.asarray(np.linalg.norm(self._stop[:, None] - items[None], axis=2).argmin(axis=1), np.int64)
 
     def _join_landing(self, *, climbs: bool) -> FailsafePaths:
-        """Straight to where the mission's landing begins; PX4 climbs before."""
+        """Straight to the begin of the mission's landing; PX4 climbs before."""
         tail = np.vstack([self._to.route_m[self._to.landing or 0 :], self._to.items_m[-1]])
         tail[-1, 2] = self._landing_alt(tail[-1:])[0]
         begin = np.broadcast_to(tail[0], (self._n, 3))

@@ -259,7 +259,7 @@ def _there_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, onto_m: FloatArr
 
 
 def _back_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, off_m: FloatArray) -> float:
-    """Back along a (k, 3) transit to home on the ground, with the turn off what was before."""
+    """Time along a (k, 3) transit to home on the ground, with the turn off the previous leg."""
     return float(landing_time(pace, way_m[0, 2] - home_m[2])) + _time_s(
         pace, np.vstack([off_m, way_m[::-1]]), legs=1 - len(way_m)
     )

@@ -279,7 +279,7 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
 
 
 class Parameters:
-    """MockParameter values of one vehicle.
+    """Values of one vehicle's parameters.
 
     Attributes:
         settings: the settings that some parameters expose.

@@ -383,7 +383,7 @@ def _simplified(points: Sequence[Vector], epsilon_m: float) -> list[Vector]:
 
 
 def _nearest(a: Vector, b: Vector, c: Vector, d: Vector) -> tuple[float, Vector] | None:
-    """Distance and middle of two segments where they are nearest; None of parallel ones, as the autopilot has it."""
+    """Distance and middle of two segments where they are nearest; None for parallel ones, as in the autopilot."""
     one, two, apart = (tuple(q - p for p, q in zip(x, y, strict=True)) for x, y in ((a, b), (c, d), (c, a)))
     aa, ab, bb = _dot(one, one), _dot(one, two), _dot(two, two)
     da, db = _dot(one, apart), _dot(two, apart)

@@ -433,7 +433,7 @@ class NoFly:
 
     @property
     def has_times(self) -> bool:
-        """Whether there are times at which it is not in force."""
+        """Whether it is inactive at some times."""
         return self.from_utc is not None or self.until_utc is not None or bool(self.active)
 
     def in_force(self, window: Window | None) -> bool:

@@ -166,8 +166,8 @@ def plan_routes(
 ) -> Plan:
     """Plan the sensing route of a site.
 
-    The search uses the planner's cells; every reported route is judged on the finer cells of the area. The choice is made among
-    the search's Pareto set and the baselines, so it is never worse than these at the coverage that is required.
+    The search uses the planner's cells; every reported route is evaluated on the finer cells of the area. The choice includes the
+    baselines, so it is never worse than these at the required coverage.
 
     Args:
         site: the scenario on its ground.

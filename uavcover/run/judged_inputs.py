@@ -202,7 +202,7 @@ def _files_sha256(source: TerrainSource) -> str | None:
 
 @dataclass(slots=True)
 class _Finding:
-    """Collects what changed."""
+    """Collects the changes."""
 
     run: RunFolder
     changes: list[Change] = field(default_factory=list)
@@ -301,7 +301,7 @@ class _Finding:
                     self.changes.append(Change("track", self.name(before.file(TRACK)), why=why))
 
     def add_if_changed(self, what: str, path: Path, was: str | None) -> None:
-        """A file whose hash is not the recorded one."""
+        """Add a file whose hash differs from the recorded one."""
         now = sha256_of(path)
         change = Change(what, self.name(path), was, now)
         if was != now and change not in self.changes:

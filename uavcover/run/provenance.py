@@ -76,7 +76,7 @@ def version() -> str:
 
 
 def with_entry(document: Mapping[str, Any], did: str, *, command: Sequence[str], **more: Any) -> dict[str, Any]:
-    """A ``run.json`` with one entry more."""
+    """A ``run.json`` with one more entry."""
     entries = _entries(document)
     entry = {
         "did": did,

@@ -284,7 +284,7 @@ def _from_file(outline: _Given, folder: Path, key: str) -> _Given:
 
 
 def _of_parts(parts: tuple[Rings, ...], outline: _Given) -> _Given:
-    """The same outline with its rings, and without what a file needs."""
+    """The same outline with its rings, and without the settings of a file."""
     without: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(Outline)}
     if len(parts) > 1:
         return dataclasses.replace(outline, **(without | {"polygons_lon_lat_deg": parts}))

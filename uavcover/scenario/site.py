@@ -285,7 +285,7 @@ def _check_near(
     fence: shapely.Polygon,
     home_en: FloatArray | None,
 ) -> None:
-    """Refuse places that cannot be meant: degrees in the wrong order, or map coordinates taken for local ones."""
+    """Refuse implausible positions: degrees in the wrong order, or map coordinates instead of local ones."""
     several = "polygons" if len(scenario.area.parts) > 1 else "polygon"
     area_key = f"{several}_{'lon_lat_deg' if scenario.area.is_geographic else 'east_north_m'}"
     fence_key = scenario.limits.fence_key or "fence_margin_m"

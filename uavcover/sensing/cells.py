@@ -294,7 +294,7 @@ def _spread(count: int, step: float) -> NDArray[np.float64]:
 
 
 def _spread_of_halves(count: int, step: float) -> NDArray[np.float64]:
-    """(count,) the same in halves of cells, so that one half of each cell has the place of the cell."""
+    """(count,) the same in halves of cells, so that one half of each cell has the cell's own point."""
     wholes = _spread(count // 2 + 1, step)
     return np.repeat((2.0 * wholes + 1.0) % 1.0 - 0.5, 2)[:count]
 

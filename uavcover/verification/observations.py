@@ -298,7 +298,7 @@ def observations_of(
     """The observations of a track on the planned route, by the sensing rule of the scenario.
 
     Along the path there is one at every sample, and enough between samples to keep them ``sample_spacing_m`` apart, and a camera
-    that turns with the vehicle 2 degrees; of a sensor that takes single photos, or looks from waypoints, one at each of them.
+    that turns with the vehicle 2 degrees; a sensor that takes single photos, or observes at waypoints, has one at each of them.
     Position, attitude and time are interpolated linearly. There are none between samples that are not joined. Where the track
     lacks the yaw that a photo needs, nose ahead is assumed. Samples so close that they show the same ground count once
     (:func:`informative`).

@@ -133,8 +133,8 @@ def verify_flight(
 ) -> Verdict:
     """Verify coverage and safety from the flown tracks alone; plans serve for comparison only.
 
-    Several tracks, of several sorties or vehicles, count as one flight: a cell seen by any of them is seen, and each has to
-    keep the limits. Observations present in two records of one flight count once.
+    Several tracks, of several sorties or vehicles, count as one flight: a cell that any of them observes is observed, and each
+    must keep the limits. Observations present in two records of one flight count once.
 
     Raises:
         TrackError: a track is empty, or has a position that is not on Earth.

@@ -128,11 +128,7 @@ def _is_too_fine(dataset: Any, zoom: int, column: int, row: int) -> bool:
 
 
 def background_tile(path: Path, zoom: int, column: int, row: int) -> tuple[bytes, str] | None:
-    """A tile of a GeoTIFF or MBTiles file with its media type; None where it has nothing.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
+    """A tile of a GeoTIFF or MBTiles file with its media type; None without content."""
     tile_bounds_m(zoom, column, row)
     if path.suffix.lower() == ".mbtiles":
         return _mbtiles(path, zoom, column, row)

@@ -134,7 +134,7 @@ class Workspace:
         self.busy: Callable[[], Collection[str]] = tuple
 
     def free_run(self, stem: str) -> Path:
-        """A run folder that is not there yet, and that no command is about to make."""
+        """A run folder that does not exist yet, and that no command is about to create."""
         return free_name(self.root, stem, taken=self.busy())
 
     def path(self, name: str) -> Path:

@@ -294,7 +294,7 @@ _OF_GROUND = "that observes this fraction of the ground itself (found: of the ce
 def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> list[Bound]:
     """Lower bound on paths with the required coverage; for sensors that look along the path.
 
-    The quick bound holds for what is counted: cells, each by one place in it. Prices hold for the ground itself.
+    The quick bound holds for counted cells, each represented by one position. Prices hold for the ground itself.
 
     Args:
         coverage: on the evaluation grid.

@@ -70,7 +70,7 @@ class CheckRequest:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Checked:
-    """The outcome."""
+    """Result of a check."""
 
     findings: tuple[CheckFinding, ...]  # all findings, broken limits first
     path: FlownPath | None  # as it would be flown; None where home is unknown

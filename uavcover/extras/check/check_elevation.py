@@ -152,10 +152,10 @@ def open_check_elevation(
     *,
     trusted: bool = False,  # whether heights are taken as they are where they do not look like ground
 ) -> CheckElevation:
-    """Open what the user named as the ground, and as what stands on it; asks what looks like a mistake.
+    """Open the user's ground and surface models; ask about probable mistakes.
 
     Raises:
-        InputError: a name, a unit or a datum is not known.
+        InputError: a name, a unit or a datum is unknown.
         TerrainError: a file cannot be used.
     """
     ground, datum = _opened(data, mission, home)

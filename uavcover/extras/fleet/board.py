@@ -48,17 +48,17 @@ class Board:
             return rows
 
     def say(self, line: str) -> None:
-        """Tell something of the whole fleet."""
+        """Print a message of the whole fleet."""
         with self._lock:
             self._user.say(line)
 
     def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Tell a vehicle's table of limits."""
+        """Print a vehicle's table of limits."""
         with self._lock:
             self._user.say_limits(head, rows)
 
     def warn(self, line: str) -> None:
-        """Tell something of the whole fleet that must not be missed."""
+        """Print a warning of the whole fleet."""
         with self._lock:
             self._user.warn(line)
 
@@ -110,17 +110,17 @@ class VehicleUser:
         self._requests = _Requests(stops, pauses)
 
     def say(self, line: str = "") -> None:
-        """Tell something of this vehicle."""
+        """Print a message of this vehicle."""
         self._board.say(f"vehicle {self._number}: {line.strip()}")
 
     def say_limits(self, head: str, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Tell this vehicle's table of limits; each row names the vehicle."""
+        """Print this vehicle's table of limits; each row names the vehicle."""
         name = f"vehicle {self._number}"
         named = [{**row, "what": f"{name}: {row['what']}"} for row in rows]
         self._board.say_limits(f"{name}: {head.strip()}", named)
 
     def warn(self, line: str) -> None:
-        """Tell something that must not be missed."""
+        """Print a warning of this vehicle."""
         self._board.warn(f"vehicle {self._number}: {line}")
 
     def agrees(self, question: str) -> bool:
@@ -134,7 +134,7 @@ class VehicleUser:
 
     @contextmanager
     def progress(self, what: str, total: float | None = None) -> Iterator[ProgressBar]:
-        """Show in the row what goes on, and how far it is."""
+        """Show the current stage and its progress in the row."""
         row = self._board.rows[self._number]
         row.does = what
         yield _Cells(row, counts=what == "flying", total=total)

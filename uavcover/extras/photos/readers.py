@@ -367,10 +367,10 @@ def _joined(row: Picture, file: Picture | None) -> Picture:
 
 
 def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
-    """Leave out further files of one moment, other bands of a multispectral camera, and repeated views from one position.
+    """Omit further files of one moment, other bands of a multispectral camera, and repeated views from one position.
 
-    Copies of a photo, and what a vehicle takes that hangs in one place or whose receiver stands still, show no more than the
-    first one of them.
+    Copies of a photo, and photos of a vehicle that hovers or whose receiver stands still, show no more than the first one of
+    them.
     """
     moments: set[tuple[object, ...]] = set()
     views: set[tuple[object, ...]] = set()

@@ -372,7 +372,7 @@ def fewest_lines(
 def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float, bool]]:
     """Heights above ground, insets and directions of tuned lines: along the long side and across it first.
 
-    Where there is a home, lines that return to their beginning follow those that do not.
+    With a home, lines with a return line follow those without one.
     """
     kinds = (False,) if site.home_m is None else (False, True)
     for height, inset in itertools.product(_tuned_heights(site), reversed(_TUNED_INSETS)):

@@ -263,7 +263,7 @@ class _Progress:
         self._shortest = min(enough, default=None)
 
     def report(self, proposals: int, chains: Sequence[Chain]) -> None:
-        """Report what the chains have found after this number of proposals."""
+        """Report the results of the chains after this number of proposals."""
         evaluations = self._done + proposals // PROPOSALS_PER_EVALUATION
         self._best = max(self._best, *(chain.seen * self._coverable for chain in chains))
         if self._asked is not None:

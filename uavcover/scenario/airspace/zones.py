@@ -154,7 +154,7 @@ class ZoneCheck:
         return self._breaches(route[:-1], route[1:], legs)
 
     def place_breaches(self, places_m: FloatArray) -> list[ZoneBreach]:
-        """The same for (n, 3) places alone."""
+        """The same for (n, 3) positions without legs."""
         places = np.asarray(places_m, dtype=float).reshape(-1, 3)
         return self._breaches(places, places, None)
 
@@ -234,7 +234,7 @@ class _PartsInside:
 
 
 class _Solids:
-    """Outlines of zones without a hair of their edges, so that legs along the edges are outside, in a spatial index.
+    """Outlines of zones, slightly shrunk so that legs along the edges are outside, in a spatial index.
 
     Args:
         zones: the zones.
@@ -294,7 +294,7 @@ def _solids_once(zones: tuple[Zone, ...], margins: bool) -> _Solids:
 
 
 def _parts_in_circles(circles: FloatArray, lines: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Which of (n, 4) lines are partly inside of a circle (n, 3) each, and (k, 2) from where to where along them, 0..1."""
+    """Which of (n, 4) lines are partly inside one circle (n, 3) each, and (k, 2) the parameters 0..1 of the parts."""
     away, steps, radius = lines[:, :2] - circles[:, :2], lines[:, 2:] - lines[:, :2], circles[:, 2]
     length = np.hypot(*steps.T)
     still = length <= _TOUCHING_M

@@ -131,7 +131,7 @@ def write(path, document):
 
 
 def mark_legs(path, found):
-    """Say on each leg what a finding says about it."""
+    """Label each leg with its finding."""
     with open(path, encoding="utf-8") as file:
         document = json.load(file)
     for leg in document["features"]:
