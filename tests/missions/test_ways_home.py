@@ -15,7 +15,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_return
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
-from uavcover.missions.transit import transit
+from uavcover.missions.transit import _along, check_way_home, check_way_there, is_too_high, transit
 from uavcover.model.limits import Obstacles
 from uavcover.scenario.site import Site
 
@@ -171,6 +171,30 @@ def test_a_transit_that_would_be_too_high_leads_past_what_makes_it_so() -> None:
     over = transit(make_site(obstacles=between), home, end, ground_end_height_m=30.0)
     assert max(straight.distance(shapely.Point(place)) for place in over[:, :2]) < 1e-6
     # Where nothing is low enough it stays straight, and the check says what is in the way.
-    everywhere = make_site(obstacles=between, limits={"max_transit_height_agl_m": 58.0, "max_height_agl_m": 56.0})
+    wall = Obstacles(prisms=(tower(28.0, -400.0, 38.0, 600.0, 85.0),))
+    everywhere = make_site(obstacles=wall, limits={"max_transit_height_agl_m": 58.0, "max_height_agl_m": 56.0})
     high = transit(everywhere, home, np.array([180.0, 70.0, 75.0]), ground_end_height_m=70.0)
     assert max(straight.distance(shapely.Point(place)) for place in high[:, :2]) < 1e-6
+
+
+@pytest.mark.parametrize("seed", [0, 1, 4, 5])
+def test_over_ground_that_is_steeper_than_legs_may_be_transits_stay_below_their_ceiling(seed: int) -> None:
+    """Straight ones do not: a leg may climb by 8 degrees only."""
+    rng = np.random.default_rng(seed)
+    waves = rng.uniform(-1.0, 1.0, (12, 2)) / 40.0
+
+    def steep(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return sum(14.0 * np.sin(e * east + n * north + k) for k, (e, n) in enumerate(waves))
+
+    limits = {"max_height_agl_m": 60.0, "max_climb_angle_deg": 8.0, "max_transit_height_agl_m": 80.0}
+    site = make_site(steep, limits=limits)
+    assert site.home_m is not None
+    too_high = 0
+    for place in rng.uniform((0.0, 0.0), (300.0, 200.0), (12, 2)):
+        end = np.array([*place, *site.ground.ups_m(place, 50.0)])
+        points = transit(site, site.home_m[:2], end, ground_end_height_m=30.0)
+        check_way_there(site, points)
+        check_way_home(site, points[::-1])
+        np.testing.assert_array_equal(points[-1], end)
+        too_high += is_too_high(site, _along(site, points[[0, -1], :2], end, 30.0))
+    assert too_high > 0

@@ -8,6 +8,7 @@ ArduPilot wants a vehicle inside of all its inclusions unless FENCE_OPTIONS says
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -15,11 +16,13 @@ import shapely
 
 from mission_io.model.items import Fence, FenceCircle, FencePolygon, LatLon
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.profile import shortest_profile
-from uavcover.missions.leg_checks import LegProblem, find_problems
+from uavcover.missions.leg_checks import LegProblem, climb_angles_deg, find_problems
 from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
+from uavcover.scenario.airspace.lattice import Lattice
 from uavcover.scenario.airspace.zones import Polygons, WayRound, Zone, ZoneCheck
+from uavcover.scenario.obstacles import leg_breaches
 from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import LocalFrame
 
@@ -28,8 +31,11 @@ _ROOM_M = 5.0
 _TRANSIT_SLACK_M = 1.0
 """Added to the target height of a transit, for ground between two samples and for rounding."""
 _SAMPLE_SPACING_M = 5.0
-_ASIDE, _ALONG = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4, 0.8, -0.8), (0.5, 0.3, 0.7, 0.15, 0.85)
-"""Corners of transits that are tried where the straight one is too high: so much beside it and along it, in its lengths."""
+_SPOTS = 900
+"""Points on the map of the lattice of transits."""
+
+_COLUMN_POSITIONS = 6
+"""Positions of the columns at the ends of such a path, from which it may leave."""
 
 _COLUMN_M = 0.1
 """Legs with less horizontal distance than this are vertical columns, exempt from the climb limit."""
@@ -84,7 +90,7 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
     straight = _along(site, np.vstack([home_en_m, end_m[:2]]), end_m, ground_end_height_m)
     is_convex = site.fence.convex_hull.area - site.fence.area <= _COLUMN_M
     if (is_convex and not site.zones) or _is_clear(site, straight, site.planned_zones):
-        return _low_enough(site, straight, home_en_m, end_m, ground_end_height_m)
+        return _low_enough(site, straight, end_m)
     found = [straight]
     for ways in _ways_round(site):
         # A vehicle in flight may have come into the margin of a zone, or outside the fence: from there straight back.
@@ -96,29 +102,34 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
             corners = np.vstack([corners, end_m[:2]])
         found.append(_along(site, corners, end_m, ground_end_height_m))
         if _is_clear(site, found[-1], site.planned_zones):
-            return found[-1]
+            return _low_enough(site, found[-1], end_m)
     # The check of the transit tells what is in its way.
     return next((points for points in found if _is_clear(site, points, site.flown_zones)), straight)
 
 
-def _low_enough(
-    site: Site, straight_m: FloatArray, home_en_m: FloatArray, end_m: FloatArray, ground_end_height_m: float
-) -> FloatArray:
-    """The straight (k, 3) transit, or the first below the ceiling of some with one corner, if there is one.
+def _low_enough(site: Site, way_m: FloatArray, end_m: FloatArray) -> FloatArray:
+    """The (k, 3) transit, or, if it is too high, the shortest path below the ceiling over a lattice, if there is one.
 
-    Over a tower at the edge of a pit, the pit is far below.
+    On ground that is steeper than a leg may climb, such a path follows contours, or climbs in zigzags.
     """
-    if not is_too_high(site, straight_m):
-        return straight_m
-    way_m = end_m[:2] - home_en_m
-    beside = np.array([-way_m[1], way_m[0]])
-    for aside in _ASIDE:
-        for along in _ALONG:
-            corner_m = home_en_m + along * way_m + aside * beside
-            bent = _along(site, np.vstack([home_en_m, corner_m, end_m[:2]]), end_m, ground_end_height_m)
-            if not is_too_high(site, bent) and _is_clear(site, bent, site.planned_zones):
-                return bent
-    return straight_m
+    if not is_too_high(site, way_m):
+        return way_m
+    found_m = _lattice(site).path(_column_m(site, way_m[0]), _column_m(site, end_m))
+    return way_m if found_m is None else np.vstack([found_m[:-1], end_m])
+
+
+def _column_m(site: Site, place_m: FloatArray) -> FloatArray:
+    """(k, 3) a position and those above it that transits may have, up to their ceiling; the lowest of these if it is none."""
+    low_m, high_m = _band_m(site, place_m[None, :2])
+    ups_m = np.linspace(np.clip(place_m[2], low_m, high_m), high_m, _COLUMN_POSITIONS)
+    return np.vstack([place_m, np.column_stack([np.repeat(place_m[None, :2], len(ups_m), axis=0), ups_m])])
+
+
+def _band_m(site: Site, places_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest planned up coordinates (n,) of a transit at (n, 2) positions."""
+    limits = site.scenario.limits
+    low_m = site.ground.ups_m(places_m, limits.transit_clearance_m + limits.height_margin_m + _TRANSIT_SLACK_M)
+    return low_m, site.ground.ups_m(places_m, _planned_highest_agl_m(site) - _TRANSIT_SLACK_M)
 
 
 def is_too_high(site: Site, points_m: FloatArray) -> bool:
@@ -177,6 +188,35 @@ def _over_terrain(site: Site, corners_m: FloatArray, ups_m: tuple[float, float])
         # The ground rises between two samples by more than the slack: try again, higher and with denser samples.
         aim_m += wanted_m - lowest + _TRANSIT_SLACK_M
     return points
+
+
+@once
+def _lattice(site: Site) -> Lattice:
+    """Positions of transits between the area and home; of a part of an area, those of the whole."""
+    if site.whole is not None:
+        return _lattice(site.whole)
+    limits, area = site.scenario.limits, transit_area(site)
+    wanted_m = limits.transit_clearance_m + limits.height_margin_m
+    around = shapely.union(site.area.envelope, shapely.Point(home_of(site)[:2]))
+
+    def allowed(begins_m: FloatArray, ends_m: FloatArray) -> BoolArray:
+        # The path from leg to leg is checked as well: neighbours are next to each other.
+        path_m = np.stack([begins_m, ends_m], axis=1).reshape(-1, 3)
+        ranges = site.ground.leg_height_ranges_m(path_m)[::2]
+        climbs = climb_angles_deg(path_m)[::2] < limits.max_climb_angle_deg
+        kept = climbs & (ranges[:, 0] >= wanted_m) & (ranges[:, 2] <= _planned_highest_agl_m(site))
+        kept &= shapely.covers(area, shapely.linestrings(path_m[:, :2].reshape(-1, 2, 2)))
+        if limits.max_alt_amsl_m is not None:
+            kept &= site.alts_amsl_m(path_m).reshape(-1, 2).max(axis=1) <= limits.max_alt_amsl_m
+        if site.prisms:
+            obstacles = site.scenario.obstacles
+            above_m = obstacles.clearance_above_m + limits.height_margin_m
+            clear = leg_breaches(site.ground, path_m, dataclasses.replace(obstacles, clearance_above_m=above_m))[::2]
+            kept &= clear[:, 1] <= 0.0
+        return np.asarray(kept)
+
+    shapely.prepare(area)
+    return Lattice(area, around.bounds, partial(_band_m, site), allowed, spots=_SPOTS)
 
 
 def check_way_there(site: Site, way_m: FloatArray) -> None:

@@ -7,12 +7,11 @@ lattice of positions inside the height band. Such a path follows a contour or cl
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
 import shapely
-from numpy.typing import NDArray
 from shapely.ops import nearest_points, substring
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
@@ -21,6 +20,7 @@ from uavcover.kernels.search_problem import SearchProblem, allowed_legs
 from uavcover.kernels.tours import nearest, shorten
 from uavcover.model.route import Route
 from uavcover.scenario.airspace.flyable import flyable_area
+from uavcover.scenario.airspace.lattice import Lattice
 from uavcover.scenario.airspace.zones import WayRound
 from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.site import Site, once
@@ -306,14 +306,7 @@ def in_good_order(
 
 
 _SPOTS = 1600
-"""Points of the lattice on the map; each has three positions, near both ends and in the middle of the height band."""
-
-_SHARES = (0.02, 0.5, 0.98)
-_LINKS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1), (1, 3), (3, 1), (1, -3), (3, -1))
-"""Neighbours of a lattice point, and their opposites: some link is within 9 degrees of any contour."""
-
-_NEAR_SPOTS = 8
-"""Lattice points that are linked with the end of a stretch."""
+"""Points of the lattice of mended routes on the map."""
 
 
 def mended_routes(
@@ -329,13 +322,16 @@ def mended_routes(
     """
     if flyable_area(site).polygon.is_empty:
         return
-    lattice = _Lattice(site, problem)
+    polygon = flyable_area(site).polygon
+    lattice = Lattice(
+        polygon, site.area.bounds, partial(allowed_band_m, site), partial(_allowed, problem), spots=_SPOTS
+    )  # fmt: skip
     for number, route in enumerate(routes):
         if number > 0 and is_over():
             return
         stretches = _stretches(problem, route.waypoints_m)
         if stretches:
-            yield Route(lattice.joined(stretches))
+            yield Route(_joined_over(lattice, stretches))
 
 
 def _stretches(problem: SearchProblem, points_m: FloatArray) -> list[FloatArray]:
@@ -350,87 +346,36 @@ def _allowed(problem: SearchProblem, begins_m: FloatArray, ends_m: FloatArray) -
     return np.asarray(allowed_legs(problem, np.ascontiguousarray(np.hstack([begins_m, ends_m]))))
 
 
-class _Lattice:
-    """Places inside the height band, with the legs between them that keep the limits."""
+def _joined_over(lattice: Lattice, stretches: Sequence[FloatArray]) -> FloatArray:
+    """(n, 3) stretches in their order, each (k, 3), joined by the shortest ways over the lattice.
 
-    def __init__(self, site: Site, problem: SearchProblem) -> None:
-        self._problem = problem
-        polygon = flyable_area(site).polygon
-        # Ways far beyond the area are no use: neither in a wide fence, nor around a part of a large area.
-        beyond_m = 0.5 * math.dist(site.area.bounds[:2], site.area.bounds[2:])
-        west, south, east, north = polygon.intersection(shapely.box(*site.area.bounds).buffer(beyond_m)).bounds
-        # A long strip of ground gets no more rows and columns than fit.
-        step_m = max(math.sqrt((east - west) * (north - south) / _SPOTS), max(east - west, north - south) / _SPOTS)
-        columns, rows = (math.floor(side / step_m) + 1 for side in (east - west, north - south))
-        grid = np.meshgrid(west + step_m * np.arange(columns), south + step_m * np.arange(rows))
-        spots_m = np.column_stack([axis.ravel() for axis in grid])
-        low, high = allowed_band_m(site, spots_m)
-        open_to = (low <= high) & shapely.contains_xy(polygon, spots_m[:, 0], spots_m[:, 1])
-        number = np.where(open_to, np.cumsum(open_to) - 1, -1).reshape(rows, columns)
-        ups_m = low[:, None] + np.array(_SHARES) * (high - low)[:, None]
-        levels = len(_SHARES)
-        self._places_m = np.column_stack([np.repeat(spots_m[open_to], levels, axis=0), ups_m[open_to].ravel()])
-        pairs: list[NDArray[np.int64]] = []
-        for right, up in _LINKS:
-            right_of, left_of = (number[:, max(0, sign * right) : columns + min(0, sign * right)] for sign in (1, -1))
-            a = left_of[max(0, -up) : rows - max(0, up)].ravel()
-            b = right_of[max(0, up) : rows + min(0, up)].ravel()
-            both = (a >= 0) & (b >= 0)
-            pairs += [
-                levels * np.column_stack([a[both], b[both]]) + np.array([i, j])
-                for i, j in itertools.product(range(levels), repeat=2)
-            ]
-        self._links = self._flyable(self._places_m, np.vstack(pairs))
-
-    def _flyable(self, places_m: FloatArray, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The (k, 2) pairs of (n, 3) positions with a leg that keeps the limits."""
-        a, b = places_m[pairs[:, 0]], places_m[pairs[:, 1]]
-        return pairs[_allowed(self._problem, a, b)]
-
-    def joined(self, stretches: Sequence[FloatArray]) -> FloatArray:
-        """(n, 3) stretches in their order, each (k, 3), joined by the shortest ways over the lattice.
-
-        Where no way leads from some stretches to others, those that are the longest together.
-        """
-        ends_m = np.vstack([stretch[[0, -1]] for stretch in stretches])
-        first = len(self._places_m)
-        places_m = np.vstack([self._places_m, ends_m])
-        away = np.linalg.norm(self._places_m[None, :, :2] - ends_m[:, None, :2], axis=2)
-        near = np.argsort(away, axis=1, kind="stable")[:, : _NEAR_SPOTS * len(_SHARES)]
-        own = first + np.arange(len(ends_m))
-        to_ends = np.column_stack([near.ravel(), np.repeat(own, near.shape[1])])
-        next_to = np.column_stack([own[1:-1:2], own[2::2]])
-        links = np.vstack([self._links, self._flyable(places_m, np.vstack([to_ends, next_to]))])
-        length = np.linalg.norm(places_m[links[:, 0]] - places_m[links[:, 1]], axis=1)
-        stays = own.reshape(-1, 2)
-        whole = np.array([np.linalg.norm(np.diff(stretch, axis=0), axis=1).sum() for stretch in stretches])
-        both, lengths = np.vstack([links, stays]), np.concatenate([length, whole])
-        graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=(len(places_m), len(places_m)))
-        _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
-        parts = part[stays[:, 0]]
-        kept = np.flatnonzero(parts == np.argmax(np.bincount(parts, weights=whole))).tolist()
-        out = [stretches[kept[0]]]
-        _, before = scipy.sparse.csgraph.dijkstra(
-            graph, directed=False, indices=stays[kept[:-1], 1], return_predecessors=True
-        )
-        for row, (last, k) in enumerate(itertools.pairwise(kept)):
-            way = [int(stays[k, 0])]
-            while way[-1] != stays[last, 1]:
-                way.append(int(before[row, way[-1]]))
-            between = [places_m[way[-1:]]]
-            for a, b in itertools.pairwise(way[::-1]):
-                if min(a, b) >= first and (a - first) // 2 == (b - first) // 2:
-                    # The path leads along another stretch.
-                    between.append(stretches[(a - first) // 2][1:-1][:: 1 if a < b else -1])
-                between.append(places_m[[b]])
-            out += [self._with_few_corners(np.vstack(between))[1:-1], stretches[k]]
-        return np.vstack(out)
-
-    def _with_few_corners(self, way_m: FloatArray) -> FloatArray:
-        """An (n, 3) path with the longest legs from each position that keep the limits."""
-        kept = [0]
-        while kept[-1] < len(way_m) - 1:
-            rest = way_m[kept[-1] + 1 :]
-            reached = np.flatnonzero(_allowed(self._problem, np.broadcast_to(way_m[kept[-1]], rest.shape), rest))
-            kept.append(kept[-1] + 1 + (int(reached[-1]) if len(reached) else 0))
-        return way_m[kept]
+    Where no way leads from some stretches to others, those that are the longest together.
+    """
+    ends_m = np.vstack([stretch[[0, -1]] for stretch in stretches])
+    first = len(lattice.places_m)
+    own = first + np.arange(len(ends_m))
+    next_to = np.column_stack([own[1:-1:2], own[2::2]])
+    places_m, links, length = lattice.linked_with(ends_m, next_to)
+    stays = own.reshape(-1, 2)
+    whole = np.array([np.linalg.norm(np.diff(stretch, axis=0), axis=1).sum() for stretch in stretches])
+    both, lengths = np.vstack([links, stays]), np.concatenate([length, whole])
+    graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=(len(places_m), len(places_m)))
+    _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    parts = part[stays[:, 0]]
+    kept = np.flatnonzero(parts == np.argmax(np.bincount(parts, weights=whole))).tolist()
+    out = [stretches[kept[0]]]
+    _, before = scipy.sparse.csgraph.dijkstra(
+        graph, directed=False, indices=stays[kept[:-1], 1], return_predecessors=True
+    )
+    for row, (last, k) in enumerate(itertools.pairwise(kept)):
+        way = [int(stays[k, 0])]
+        while way[-1] != stays[last, 1]:
+            way.append(int(before[row, way[-1]]))
+        between = [places_m[way[-1:]]]
+        for a, b in itertools.pairwise(way[::-1]):
+            if min(a, b) >= first and (a - first) // 2 == (b - first) // 2:
+                # The path leads along another stretch.
+                between.append(stretches[(a - first) // 2][1:-1][:: 1 if a < b else -1])
+            between.append(places_m[[b]])
+        out += [lattice.with_few_corners(np.vstack(between))[1:-1], stretches[k]]
+    return np.vstack(out)

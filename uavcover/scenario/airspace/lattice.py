@@ -1,0 +1,126 @@
+"""Shortest paths over a lattice of permitted positions, where straight legs do not keep the limits.
+
+On ground that is steeper than a leg may climb, such a path follows contours, or climbs in zigzags.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+
+import numpy as np
+import scipy
+import shapely
+
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.scenario.airspace.zones import Polygons
+from uavcover.terrain.frames import Bounds
+
+_SHARES = (0.02, 0.5, 0.98)
+"""Positions of a point of the lattice, near both ends and in the middle of its height band."""
+
+_LINKS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1), (1, 3), (3, 1), (1, -3), (3, -1))
+"""Neighbours of a lattice point, and their opposites: some link is within 9 degrees of any contour."""
+
+_UPRIGHT = 3.0
+"""Cost of a metre straight up or down, in metres: multirotors climb and descend at about a third of their cruise speed."""
+
+_NEAR_SPOTS = 24
+"""Lattice points that are linked with the end of a path."""
+
+
+class Lattice:
+    """Positions inside a band of heights, with the legs between them that keep the limits.
+
+    Attributes:
+        places_m: (n, 3) the positions.
+        links: (k, 2) numbers of those that a leg joins.
+    """
+
+    def __init__(
+        self,
+        polygon: Polygons,  # permitted ground
+        around_m: Bounds,  # what is to be reached: west, south, east, north
+        band_m: Callable[[FloatArray], tuple[FloatArray, FloatArray]],  # lowest and highest up (n,) at (n, 2) positions
+        # (n,) whether the legs between (n, 3) positions keep the limits; neighbours in the list are close to each other
+        allowed: Callable[[FloatArray, FloatArray], BoolArray],
+        *,
+        spots: int,  # points on the map
+    ) -> None:
+        self._allowed = allowed
+        # Ways far beyond what is to be reached are no use: neither in a wide fence, nor around a part of a large area.
+        beyond_m = 0.5 * math.dist(around_m[:2], around_m[2:])
+        inside = polygon.intersection(shapely.box(*around_m).buffer(beyond_m))
+        west, south, east, north = around_m if inside.is_empty else inside.bounds
+        # A long strip of ground gets no more rows and columns than fit.
+        step_m = max(math.sqrt((east - west) * (north - south) / spots), max(east - west, north - south) / spots)
+        columns, rows = (math.floor(side / step_m) + 1 for side in (east - west, north - south))
+        grid = np.meshgrid(west + step_m * np.arange(columns), south + step_m * np.arange(rows))
+        spots_m = np.column_stack([axis.ravel() for axis in grid])
+        low, high = band_m(spots_m)
+        open_to = (low <= high) & shapely.contains_xy(polygon, spots_m[:, 0], spots_m[:, 1])
+        number = np.where(open_to, np.cumsum(open_to) - 1, -1).reshape(rows, columns)
+        ups_m = low[:, None] + np.array(_SHARES) * (high - low)[:, None]
+        levels = len(_SHARES)
+        self.places_m = np.column_stack([np.repeat(spots_m[open_to], levels, axis=0), ups_m[open_to].ravel()])
+        pairs: list[IntArray] = []
+        for right, up in _LINKS:
+            right_of, left_of = (number[:, max(0, sign * right) : columns + min(0, sign * right)] for sign in (1, -1))
+            a = left_of[max(0, -up) : rows - max(0, up)].ravel()
+            b = right_of[max(0, up) : rows + min(0, up)].ravel()
+            both = (a >= 0) & (b >= 0)
+            pairs += [
+                levels * np.column_stack([a[both], b[both]]) + np.array([i, j])
+                for i, j in itertools.product(range(levels), repeat=2)
+            ]
+        self.links = self._flyable(self.places_m, np.vstack(pairs))
+
+    def _flyable(self, places_m: FloatArray, pairs: IntArray) -> IntArray:
+        """The (k, 2) pairs of (n, 3) positions with a leg that keeps the limits."""
+        return pairs[self._allowed(places_m[pairs[:, 0]], places_m[pairs[:, 1]])]
+
+    def linked_with(self, ends_m: FloatArray, pairs: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Positions with (m, 3) more at their end, links with those of the new ones, and the lengths of the links.
+
+        Args:
+            ends_m: each is linked with positions near it.
+            pairs: (k, 2) numbers of new positions that may be linked with each other.
+        """
+        places_m = np.vstack([self.places_m, ends_m])
+        away = np.linalg.norm(self.places_m[None, :, :2] - ends_m[:, None, :2], axis=2)
+        near = np.argsort(away, axis=1, kind="stable")[:, : _NEAR_SPOTS * len(_SHARES)]
+        to_ends = np.column_stack([near.ravel(), np.repeat(len(self.places_m) + np.arange(len(ends_m)), near.shape[1])])
+        links = np.vstack([self.links, self._flyable(places_m, np.vstack([to_ends, pairs]))])
+        return places_m, links, np.linalg.norm(places_m[links[:, 0]] - places_m[links[:, 1]], axis=1)
+
+    def path(self, column_m: FloatArray, end_column_m: FloatArray) -> FloatArray | None:
+        """The shortest (n, 3) path from a vertical column to the first position of another; None if there is none.
+
+        It begins at any of the (k, 3) positions of the column, best at the first, and may end with a vertical leg.
+        """
+        ends_m = np.vstack([column_m, end_column_m])
+        places_m, links, length = self.linked_with(ends_m, np.zeros((0, 2), dtype=np.int64))
+        begin, end = len(self.places_m), len(self.places_m) + len(column_m)
+        upright = np.array(
+            [[begin, k] for k in range(begin + 1, end)] + [[end, k] for k in range(end + 1, len(places_m))]
+        )
+        rises = _UPRIGHT * np.abs(np.diff(places_m[upright, 2], axis=1)).ravel()
+        both, lengths = np.vstack([links, upright]), np.concatenate([length, rises])
+        graph = scipy.sparse.csr_matrix((lengths, (both[:, 0], both[:, 1])), shape=(len(places_m), len(places_m)))
+        far, before = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=[begin], return_predecessors=True)
+        if not math.isfinite(far[0, end]):
+            return None
+        way = [end]
+        while way[-1] != begin:
+            way.append(int(before[0, way[-1]]))
+        last = way[:1] if way[1] > end else []
+        level = way[len(last) : -1] if begin < way[-2] < end else way[len(last) :]
+        return np.vstack([self.with_few_corners(places_m[level[::-1]]), places_m[last]])
+
+    def with_few_corners(self, way_m: FloatArray) -> FloatArray:
+        """An (n, 3) path with the longest legs from each position that keep the limits."""
+        kept = [0]
+        while kept[-1] < len(way_m) - 1:
+            rest = way_m[kept[-1] + 1 :]
+            reached = np.flatnonzero(self._allowed(np.broadcast_to(way_m[kept[-1]], rest.shape), rest))
+            kept.append(kept[-1] + 1 + (int(reached[-1]) if len(reached) else 0))
+        return way_m[kept]
