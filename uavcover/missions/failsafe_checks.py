@@ -86,7 +86,6 @@ class ReturnJudgement:
     unsafe: tuple[UnsafeReturn, ...]  # worst first within each response
     is_unsafe: BoolArray  # (n,) moments with any danger
     destinations: IntArray  # (n,) of the commanded return
-    least_clearance_m: float  # of all returns; NaN where ground is unknown
     # above the destination for PX4, above home for ArduPilot: the lowest return height that clears the terrain from
     # everywhere; infinite where ground is unknown
     safe_return_height_m: float
@@ -110,7 +109,7 @@ def judge_paths(
     """Judge predicted paths from every moment of a flight."""
     unsafe: list[UnsafeReturn] = []
     bad = np.zeros(len(states.times_s), dtype=bool)
-    least, safe_m = math.inf, 0.0
+    safe_m = 0.0
     destinations = np.full(len(states.times_s), HOME)
     for paths in predicted:
         judged = _Judged(paths, states, limits)
@@ -121,11 +120,10 @@ def judge_paths(
             if settings.autopilot == "px4" and len(to.rally_m):
                 chosen = np.vstack([to.rally_m, to.home_m])[paths.destinations]
                 reference = chosen[:, 2]
-            lowest, needed = judged.return_heights(reference)
-            least, safe_m = min(least, lowest) if lowest == lowest else math.nan, max(safe_m, needed)
+            safe_m = max(safe_m, judged.safe_return_height_m(reference))
         if not paths.responses[0].parameter and not paths.note:
             destinations = paths.destinations
-    return ReturnJudgement(tuple(joined_returns(unsafe)), bad, destinations, least, safe_m, settings)
+    return ReturnJudgement(tuple(joined_returns(unsafe)), bad, destinations, safe_m, settings)
 
 
 class _Judged:
@@ -173,16 +171,16 @@ class _Judged:
                     worst_s=float(states.times_s[k]), destination=int(paths.destinations[k]), name=name, note=paths.note,
                 )  # fmt: skip
 
-    def return_heights(self, reference_amsl_m: FloatArray | float) -> tuple[float, float]:
-        """Least height above ground on returns, and the return height above a reference that clears them all."""
+    def safe_return_height_m(self, reference_amsl_m: FloatArray | float) -> float:
+        """The return height above a reference that clears the ground and the obstacles below all returns."""
         legs = [k for k, stage in enumerate(self._stages) if stage == "return"]
         low = np.minimum(self._lows()[:, legs], self._over_tops_m(legs) + self._limits.clearance_m)
         if np.isnan(low).any():
-            return math.nan, math.inf
+            return math.inf
         alts = np.maximum(self._alts[:, :-1], self._alts[:, 1:])[:, legs]
         needed = (alts - low).max(axis=1) + self._limits.clearance_m - reference_amsl_m
         far = self._level_m()[:, legs].sum(axis=1) > _NEAR_DESTINATION_M
-        return float(np.min(low[far], initial=np.inf)), float(np.max(needed[far], initial=0.0))
+        return float(np.max(needed[far], initial=0.0))
 
     def _over_tops_m(self, legs: list[int]) -> FloatArray:
         """(n, legs) height over the obstacles near some legs, beyond the clearance above them; infinite without any."""

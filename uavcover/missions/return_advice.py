@@ -35,11 +35,9 @@ class ReturnAdvice:
     # numbers of the planned waypoints from which, or from the leg to which, the return is unsafe. The transit counts as
     # the leg to waypoint 0, the transit home as part of the last waypoint.
     unsafe_waypoints: tuple[int, ...]
-    worst_clearance_m: float  # lowest point of all returns above ground; NaN where ground is unknown
     # return height from which all returns keep the transit clearance; infinite where ground is unknown
     safe_return_height_m: float
     no_fly: tuple[str, ...] = ()  # names of the no-fly zones that returns enter
-    no_fly_waypoints: tuple[int, ...] = ()  # numbers of the waypoints from which they do, as ``unsafe_waypoints``
     # from where to where, and why; ``first_leg`` and ``last_leg`` are numbers of planned waypoints here
     unsafe: tuple[UnsafeReturn, ...] = ()
     assumed: tuple[str, ...] = ()  # names of the parameters that are taken as the autopilot's defaults
@@ -158,22 +156,17 @@ class OwnReturns:
         def number(leg: int) -> int:
             return min(max(leg - self.first_waypoint, 0), self.waypoint_count - 1)
 
-        def waypoints(unsafe: Sequence[UnsafeReturn]) -> tuple[int, ...]:
-            flown = set[int]()
-            for one in unsafe:
-                inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
-                flown |= {number(int(leg)) for leg in np.unique(states.legs[inside])}
-            return tuple(sorted(flown))
-
         away = [one for one in judged.unsafe if one.destination != IN_PLACE]
-        entered = [one for one in away if one.danger == "zone"]
+        unsafe_waypoints = set[int]()
+        for one in away:
+            if one.danger != "zone":
+                inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
+                unsafe_waypoints |= {number(int(leg)) for leg in np.unique(states.legs[inside])}
         return ReturnAdvice(
             return_height_m=judged.settings["return_height_m"],
-            unsafe_waypoints=waypoints([one for one in away if one.danger != "zone"]),
-            worst_clearance_m=judged.least_clearance_m,
+            unsafe_waypoints=tuple(sorted(unsafe_waypoints)),
             safe_return_height_m=judged.safe_return_height_m,
-            no_fly=tuple(sorted({one.name for one in entered})),
-            no_fly_waypoints=waypoints(entered),
+            no_fly=tuple(sorted({one.name for one in away if one.danger == "zone"})),
             unsafe=tuple(
                 replace(one, first_leg=number(one.first_leg), last_leg=number(one.last_leg)) for one in judged.unsafe
             ),
