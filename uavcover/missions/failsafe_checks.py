@@ -85,7 +85,6 @@ class ReturnJudgement:
 
     unsafe: tuple[UnsafeReturn, ...]  # worst first within each response
     is_unsafe: BoolArray  # (n,) moments with any danger
-    destinations: IntArray  # (n,) of the commanded return
     # above the destination for PX4, above home for ArduPilot: the lowest return height that clears the terrain from
     # everywhere; infinite where ground is unknown
     safe_return_height_m: float
@@ -110,7 +109,6 @@ def judge_paths(
     unsafe: list[UnsafeReturn] = []
     bad = np.zeros(len(states.times_s), dtype=bool)
     safe_m = 0.0
-    destinations = np.full(len(states.times_s), HOME)
     for paths in predicted:
         judged = _Judged(paths, states, limits)
         unsafe += judged.intervals()
@@ -121,9 +119,7 @@ def judge_paths(
                 chosen = np.vstack([to.rally_m, to.home_m])[paths.destinations]
                 reference = chosen[:, 2]
             safe_m = max(safe_m, judged.safe_return_height_m(reference))
-        if not paths.responses[0].parameter and not paths.note:
-            destinations = paths.destinations
-    return ReturnJudgement(tuple(joined_returns(unsafe)), bad, destinations, safe_m, settings)
+    return ReturnJudgement(tuple(joined_returns(unsafe)), bad, safe_m, settings)
 
 
 class _Judged:

@@ -132,15 +132,6 @@ class RunFolder:
         self.write_together({name: text})
         return self.file(name)
 
-    def write_bytes(self, name: str, content: bytes) -> Path:
-        """Write a binary file whole or not at all.
-
-        Raises:
-            OutputError: it cannot be written; the file that was there before is untouched.
-        """
-        write_file(self.file(name), content)
-        return self.file(name)
-
     def write_json(self, name: str, document: dict[str, Any]) -> Path:
         """Write a JSON file whole or not at all; with exact numbers, NaN as null."""
         return self.write_text(name, json_text(document))
