@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
 from tests.recording.flights import Flight
+from uavcover.kernels.arrays import BoolArray
 from uavcover.model.track import Track, TrackSample
 from uavcover.recording import layout, viewer
 from uavcover.recording.flight import VehicleState
@@ -25,7 +27,7 @@ from uavcover.recording.layout import (
     whole_messages,
 )
 from uavcover.recording.writer import LiveRecording
-from uavcover.sensing.coverage_map import LevelObservations
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.verification.verify import verify_track
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there is no /dev/fd")
@@ -40,6 +42,20 @@ def samples(flight: Flight) -> list[TrackSample]:
         TrackSample(t, *g, *e, *a, int(w), velocity_north_m_s=e[0] if k else np.nan, velocity_down_m_s=-0.5)
         for k, (t, g, e, a, w) in enumerate(list(rows)[:SAMPLES])
     ]
+
+
+def test_its_kernel_is_ready_before_the_flight(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    callers: list[threading.Thread] = []
+    seen_by = CoverageMap.seen_by
+
+    def noted(coverage: CoverageMap, observations: LevelObservations) -> BoolArray:
+        callers.append(threading.current_thread())
+        return seen_by(coverage, observations)
+
+    monkeypatch.setattr(CoverageMap, "seen_by", noted)
+    live = LiveRecording(tmp_path / "a", site=flight.site, coverage=flight.coverage, planned=flight.planned)
+    assert callers == [threading.main_thread()], "its compiler would stop all threads while the vehicle flies"
+    live.close()
 
 
 @pytest.fixture(scope="module")

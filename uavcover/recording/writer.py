@@ -246,6 +246,8 @@ class LiveRecording:
         self._recent_states: list[flight.VehicleState] = []
         self._heading_for = -1
         self._seen = np.zeros(coverage.grid.count, dtype=bool)
+        # Compiles the kernel, or loads its machine code: in flight, that would stop every thread for many seconds.
+        coverage.seen_by(LevelObservations.by_yaw(planned.waypoints_m[:1], np.zeros(1)))
         try:
             self._file = path.open("wb", buffering=0)
         except OSError as error:
