@@ -157,13 +157,20 @@ class Places:
         self._heard_s: dict[Place, float] = {}
         self._place_of: dict[tuple[int, int], Place] = {}
         self._kept: tuple[int, int] | None = None
+        self._chosen: Place | None = None
+        self._twins: set[Place] = set()  # where the kept vehicle's ids were heard while it spoke itself
         self._kept_heard_s = 0.0
 
     def hears(self, data: bytes, place: Place, now: float) -> bool:
         """Note the sender's address of a datagram; whether it is for us."""
         if self._kept is not None and place != self.latest:
-            if now - self._kept_heard_s <= TAKE_OVER_S or self._kept not in _heartbeats_in(data):
+            is_early = now - self._kept_heard_s <= TAKE_OVER_S and place != self._chosen
+            is_same = self._kept in _heartbeats_in(data)
+            if is_early or not is_same or place in self._twins:
                 self.strangers += 1
+                if is_same and place not in self._twins and len(self._twins) < MOST_PEERS:
+                    self._twins.add(place)
+                    _log.warning("system %d also sends from %s:%d, which is ignored", self._kept[0], *place)
                 return False
             _log.warning("system %d now sends from %s:%d", self._kept[0], *place)
         self.latest, self._kept_heard_s = place, now
@@ -187,12 +194,14 @@ class Places:
     def keep_to(self, system_id: int, component_id: int, now: float) -> None:
         """From here on there is only the address of this sender's heartbeats, if they were heard.
 
-        When nothing came from there for ``TAKE_OVER_S`` seconds, a heartbeat of the same sender from another place moves it.
+        When nothing came from there for ``TAKE_OVER_S`` seconds, a heartbeat of the same sender from a place that was silent
+        before moves it; the next one from here, where the other was another vehicle, moves it back at once.
         """
         place = self._place_of.get((system_id, component_id))
         if place is None:
             return
         self._kept, self.latest, self._kept_heard_s = (system_id, component_id), place, now
+        self._chosen = place
 
     def let_go(self) -> None:
         """Hear everybody again, and learn anew where each speaks from."""

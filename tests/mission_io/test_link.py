@@ -257,18 +257,26 @@ def test_strangers_on_the_port_of_a_vehicle_neither_redirect_nor_are_heard(seed:
         assert ground.strangers == 40
 
 
-def test_a_vehicle_that_comes_back_on_another_port_is_followed_once_its_own_is_silent() -> None:
+def test_a_vehicle_that_comes_back_on_another_port_is_followed_once_its_own_is_silent(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     clock, codec = ManualClock(), Codec(system_id=1, component_id=1)
     with (
         UdpLink.listening(clock=clock) as ground,
         UdpLink.connecting("127.0.0.1", ground.local_port) as before,
         UdpLink.connecting("127.0.0.1", ground.local_port) as after,
         UdpLink.connecting("127.0.0.1", ground.local_port) as companion,
+        UdpLink.connecting("127.0.0.1", ground.local_port) as twin,
     ):
         listening_to(before, ground, codec)
-        after.send(codec.encode(BEAT))
-        assert ground.receive(0.05) is None
+        for _ in range(2):
+            twin.send(codec.encode(BEAT))
+            assert ground.receive(0.05) is None
+        (told,) = caplog.messages
+        assert told == f"system 1 also sends from 127.0.0.1:{twin.local_port}, which is ignored"
         clock.advance_to(TAKE_OVER_S + 0.1)
+        twin.send(codec.encode(BEAT))
+        assert ground.receive(0.05) is None, "another vehicle with this system ID"
         companion.send(Codec(system_id=1, component_id=191).encode(BEAT))
         after.send(codec.encode(MissionCurrent(3)))
         assert ground.receive(0.05) is None, "neither another component, nor a message that is no heartbeat"
@@ -277,3 +285,11 @@ def test_a_vehicle_that_comes_back_on_another_port_is_followed_once_its_own_is_s
         assert ground.peer == ("127.0.0.1", after.local_port)
         ground.send(b"found")
         assert after.receive(5.0) == b"found"
+        # Where the silent one speaks again, the other was another vehicle.
+        before.send(codec.encode(MissionCurrent(3)))
+        assert ground.receive(0.05) is None
+        before.send(codec.encode(BEAT))
+        assert ground.receive(5.0) is not None
+        after.send(codec.encode(BEAT))
+        assert ground.receive(0.05) is None
+        assert ground.peer == ("127.0.0.1", before.local_port)
