@@ -1,6 +1,7 @@
 """What was checked before arming is watched in flight: a second station changes it, and it is told with what comes of it."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import pytest
 
@@ -248,7 +249,7 @@ def test_a_fence_that_another_station_makes_smaller_is_a_breach(autopilot):
     told = text + " | ".join(incident.text for incident in outcome.incidents)
     assert any(incident.kind is Ending.FENCE_CHANGED for incident in outcome.incidents)
     assert "another station changed the vehicle's fence in flight" in told
-    assert "the remaining mission leads 40 m outside the changed fence; an active" in told
+    assert "the remaining mission leads 40 m outside this fence; an active" in told
 
 
 def test_rally_points_that_are_changed_are_told_and_do_not_end_the_flight():
@@ -262,6 +263,34 @@ def test_rally_points_that_are_changed_are_told_and_do_not_end_the_flight():
     assert outcome.ending is Ending.LANDED
     [changed] = [incident for incident in outcome.incidents if incident.kind is Ending.RALLY_CHANGED]
     assert "the autopilot's own return may lead there along an unchecked path" in changed.text
+
+
+def test_lists_that_are_not_the_planned_ones_are_told_before_arming():
+    scene = scene_of()
+    point = FramedPoint(*above_home((40.0, 40.0, 0.0))[:2], 30.0)
+    assert scene.client.upload_and_verify(RallyPoints((point,))).passed
+    same = dataclasses.replace(the_plan(), lists=(Fence(), RallyPoints((point,))))
+    judged = []
+
+    def advice(_parameters, rally):
+        judged.append(rally)
+        return SimpleNamespace(sentences=())
+
+    other = dataclasses.replace(
+        the_plan(), lists=(square(300.0), RallyPoints()), returns=SimpleNamespace(advice=advice)
+    )
+    flown(scene, lambda _: None, plan=same)
+    assert not [text for text in scene.told(EventKind.WARNING) if "not as planned" in text]
+    scene.events.clear()
+    flown(scene, lambda _: None, plan=other)
+    fence, rally = [text for text in scene.told(EventKind.WARNING) if "not as planned" in text]
+    assert (
+        fence
+        == "the vehicle's fence is not as planned: count is 0 instead of 4; the vehicle has no fence; repeat plan-upload"
+    )
+    assert (
+        "rally points are not as planned: count is 1 instead of 0; the autopilot's own return may lead there" in rally
+    )
 
 
 def test_a_fence_put_out_of_force_by_command_is_a_breach():

@@ -264,7 +264,7 @@ def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Order
         FlightFailedError: the vehicle or the link failed, or the vehicle is not what was planned for; it carries the outcome.
     """
     return fly_plan(
-        vehicle.client, vehicle.monitor, flight_plan(site, compiled),
+        vehicle.client, vehicle.monitor, dataclasses.replace(flight_plan(site, compiled), lists=(compiled.fence, compiled.rally)),
         orders, plan_return=checked_return(site),
     )  # fmt: skip
 

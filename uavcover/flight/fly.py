@@ -206,15 +206,16 @@ class FlightRun:
         self.session.photos_required = self.precautions.photos_required
         self.session.simulated = self.simulator is not None
 
-    def watch_preconditions(self, plan: FlightPlan) -> None:
+    def watch_preconditions(self, plan: FlightPlan) -> Preconditions:
         """Watch the checks before arming; a change that affects returns checks the returns again."""
         session, returns = self.session, plan.returns
 
         def returns_changed(parameters: Mapping[str, float]) -> None:
             if returns is not None:
-                tell_returns_by(session, returns, parameters)
+                tell_returns_by(session, returns, parameters, watched.rally)
 
-        self.preconditions = Preconditions(session, plan, self.limits.values, returns_changed=returns_changed)
+        self.preconditions = watched = Preconditions(session, plan, self.limits.values, returns_changed=returns_changed)
+        return watched
 
     def record(self, plan: FlightPlan) -> MissionProgress:
         """Record from the next position on, and count the planned waypoints."""
@@ -377,9 +378,9 @@ def _from_the_ground(flight: FlightRun, plan: FlightPlan) -> None:
     check_mission(session, plan)
     flight.limits.put_back_older()
     flight.limits.check(plan)
-    flight.watch_preconditions(plan)
+    watched = flight.watch_preconditions(plan)
     if plan.returns is not None:
-        tell_returns_by(session, plan.returns, read_return_parameters(session))
+        tell_returns_by(session, plan.returns, read_return_parameters(session), watched.rally)
     tell_short_battery(session, plan)
     while not flight.orders.clearance.may_start():  # beside other vehicles
         if session.stop():

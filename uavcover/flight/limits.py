@@ -6,12 +6,12 @@ read and written as plain numbers in their own units; PX4 transmits the bits of 
 """
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from mission_io.errors import MissionIoError, VehicleSilentError
-from mission_io.model.items import Command, Frame
+from mission_io.model.items import Command, Frame, FramedPoint
 from mission_io.model.plain_text import counted
 from mission_io.protocol.parameters import float_of_value, is_whole, value_of_float
 from mission_io.wire import messages as m
@@ -381,9 +381,11 @@ class AppliedLimits:
 _MOST_SAID = 6
 
 
-def tell_returns_by(session: Session, returns: OwnReturns, parameters: Mapping[str, float]) -> None:
-    """Warn of every unsafe interval of the vehicle's own returns by these parameters; nothing is refused."""
-    for words in return_warnings(returns.advice(parameters)):
+def tell_returns_by(
+    session: Session, returns: OwnReturns, parameters: Mapping[str, float], rally: Sequence[FramedPoint] | None
+) -> None:
+    """Warn of every unsafe interval of the vehicle's own returns by its parameters and rally points; nothing is refused."""
+    for words in return_warnings(returns.advice(parameters, rally=rally)):
         session.warn(words)
 
 

@@ -19,7 +19,7 @@ from mission_io.client.peers import VehicleInfo, two_in_one
 from mission_io.data_tables import data_table, read_document
 from mission_io.errors import MisuseError, VehicleSilentError
 from mission_io.model.enums import AutopilotId, Firmware, VehicleKind, type_name
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
+from mission_io.model.items import Command, Fence, Frame, GeoPoint, Mission, MissionItem, RallyPoints
 from mission_io.wire import messages as m
 from uavcover.errors import InputError, VehicleError
 from uavcover.flight.ground_contact import GroundAt
@@ -115,6 +115,9 @@ class FlightPlan:
     # how many items each planned waypoint takes: itself, then commands that are carried out there
     items_per_waypoint: int = 1
     returns: OwnReturns | None = None  # judges the vehicle's own returns by its parameters; None skips the check
+    lists: tuple[
+        Fence | RallyPoints, ...
+    ] = ()  # what the vehicle is to hold beside the mission, compared before arming
 
     def way_home(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
         """The plan of a return that the vehicle now holds, without planned waypoints.

@@ -5,14 +5,16 @@ A change is an alarm that says what comes of it, in metres where it has any; ``-
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import shapely
 
+from mission_io.autopilots.comparison import compare_items, fault_text
+from mission_io.autopilots.mission_lists import items_of, mission_type_of
 from mission_io.client.peers import two_in_one
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError
 from mission_io.model.enums import LandedState
-from mission_io.model.items import Mission, MissionItem, MissionType, fence_from_items
+from mission_io.model.items import FramedPoint, Mission, MissionItem, MissionType, fence_from_items, rally_from_items
 from mission_io.wire import messages as m
 from uavcover.flight.limits import limit_table, numbers
 from uavcover.flight.mission_guard import ListReading
@@ -58,6 +60,14 @@ class Preconditions:
         self._was_in_force = self._is_off = False
         self._told: set[str] = set()
         self._moved_before_m = 0.0
+
+    @property
+    def rally(self) -> Sequence[FramedPoint] | None:
+        """The rally points that the vehicle holds; None if they could not be read."""
+        held = self._lists[_LISTS.index(MissionType.RALLY)].held
+        with contextlib.suppress(FormatError):
+            return None if held is None else rally_from_items(held).points
+        return None
 
     def look(self, meanwhile: Callable[[], None]) -> None:
         """Look at everything once; called while the vehicle is in the air.
@@ -284,6 +294,18 @@ class _ListWatch:
             session.warn(f"the vehicle's {self.name} not monitored, because reading failed: {error}")
         self._reading: ListReading | None = None
         self._signs = self._signs_now
+        for planned in plan.lists:
+            if mission_type_of(planned) is mission_type and self._before is not None:
+                wanted = items_of(planned, session.autopilot)
+                wrong = fault_text(compare_items(wanted, self._before, session.autopilot, mission_type))
+                if wrong is not None:
+                    what = self._consequence(self._before)
+                    session.warn(f"the vehicle's {self.name} not as planned: {wrong}; {what}; repeat plan-upload")
+
+    @property
+    def held(self) -> tuple[MissionItem, ...] | None:
+        """The list at the last reading; None if it could not be read."""
+        return self._before if self._reading is None else self._reading.held
 
     @property
     def _signs_now(self) -> tuple[int, int]:
@@ -330,23 +352,22 @@ class _ListWatch:
 
     def _told(self, difference: str, held: tuple[MissionItem, ...]) -> str:
         what = "fence" if self._type is MissionType.FENCE else "rally points"
-        text = f"another station changed the vehicle's {what} in flight: {difference}"
-        if self._type is MissionType.RALLY:
-            return f"{text}; the autopilot's own return may lead there along an unchecked path"
-        return f"{text}; {self._consequence(held)}"
+        return f"another station changed the vehicle's {what} in flight: {difference}; {self._consequence(held)}"
 
     def _consequence(self, held: tuple[MissionItem, ...]) -> str:
-        """Consequence of another fence for the rest of the flight."""
+        """Consequence of another list for the rest of the flight."""
+        if self._type is MissionType.RALLY:
+            return "the autopilot's own return may lead there along an unchecked path"
         if not held:
-            return "the vehicle no longer has a fence"
+            return "the vehicle has no fence"
         flight = "return" if self._plan.is_way_home else "mission"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
             return (
-                f"the remaining {flight} leads {outside_m:.0f} m outside the changed fence; an active fence would "
+                f"the remaining {flight} leads {outside_m:.0f} m outside this fence; an active fence would "
                 "interrupt the flight there"
             )
-        return f"the remaining {flight} stays inside the changed fence"
+        return f"the remaining {flight} stays inside this fence"
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:
