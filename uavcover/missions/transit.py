@@ -192,12 +192,12 @@ def _over_terrain(site: Site, corners_m: FloatArray, ups_m: tuple[float, float])
 
 @once
 def _lattice(site: Site) -> Lattice:
-    """Positions of transits between the area and home; of a part of an area, those of the whole."""
-    if site.whole is not None:
-        return _lattice(site.whole)
+    """Positions of transits between the area and home."""
     limits, area = site.scenario.limits, transit_area(site)
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
-    around = shapely.union(site.area.envelope, shapely.Point(home_of(site)[:2]))
+    around = site.area.envelope
+    if site.home_m is not None:
+        around = around.union(shapely.Point(site.home_m[:2]))
 
     def allowed(begins_m: FloatArray, ends_m: FloatArray) -> BoolArray:
         # The path from leg to leg is checked as well: neighbours are next to each other.
