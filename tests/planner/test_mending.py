@@ -12,6 +12,7 @@ from uavcover.model.route import Route
 from uavcover.planner import terrain_following
 from uavcover.planner.baselines.boustrophedon import fly_layout, plain_boustrophedon
 from uavcover.planner.planner import Effort, plan_routes
+from uavcover.planner.search.closing import with_gaps_closed
 from uavcover.planner.search.route_problem import route_problem, share_seen
 from uavcover.planner.terrain_following import mended_routes
 from uavcover.sensing.site_maps import planning_map
@@ -136,3 +137,16 @@ def test_flat_ground_needs_none():
     lines = fly_layout(site, plain_boustrophedon(site)).waypoints_m
     (found,) = mended(site, lines)
     np.testing.assert_array_equal(found, lines)
+
+
+def test_gaps_on_steep_ground_are_closed_over_the_lattice():
+    """No straight legs to the gaps keep the limits."""
+    site = make_site(rough, limits=LIMITS)
+    coverage = planning_map(site)
+    (found,) = mended(site, fly_layout(site, plain_boustrophedon(site)).waypoints_m)
+    short = Route(found[: len(found) // 2])
+    goal = share_seen(short, coverage) + 0.1
+    closed = with_gaps_closed(coverage, short, goal, (1.0, 1.5, 2.0), lambda: False, most_trials=20)
+    assert closed is not None
+    assert share_seen(closed, coverage) >= goal
+    assert violations(site, closed.waypoints_m) == 0.0

@@ -322,16 +322,19 @@ def mended_routes(
     """
     if flyable_area(site).polygon.is_empty:
         return
-    polygon = flyable_area(site).polygon
-    lattice = Lattice(
-        polygon, site.area.bounds, partial(allowed_band_m, site), partial(_allowed, problem), spots=_SPOTS
-    )  # fmt: skip
+    lattice = route_lattice(site, problem)
     for number, route in enumerate(routes):
         if number > 0 and is_over():
             return
         stretches = _stretches(problem, route.waypoints_m)
         if stretches:
-            yield Route(_joined_over(lattice, stretches))
+            yield Route(joined_over(lattice, stretches))
+
+
+def route_lattice(site: Site, problem: SearchProblem) -> Lattice:
+    """Positions of a route inside the height band of a site, with the legs that keep the limits of a search on it."""
+    polygon = flyable_area(site).polygon
+    return Lattice(polygon, site.area.bounds, partial(allowed_band_m, site), partial(_allowed, problem), spots=_SPOTS)
 
 
 def _stretches(problem: SearchProblem, points_m: FloatArray) -> list[FloatArray]:
@@ -346,7 +349,7 @@ def _allowed(problem: SearchProblem, begins_m: FloatArray, ends_m: FloatArray) -
     return np.asarray(allowed_legs(problem, np.ascontiguousarray(np.hstack([begins_m, ends_m]))))
 
 
-def _joined_over(lattice: Lattice, stretches: Sequence[FloatArray]) -> FloatArray:
+def joined_over(lattice: Lattice, stretches: Sequence[FloatArray]) -> FloatArray:
     """(n, 3) stretches in their order, each (k, 3), joined by the shortest ways over the lattice.
 
     Where no way leads from some stretches to others, those that are the longest together.

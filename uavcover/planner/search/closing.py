@@ -17,12 +17,14 @@ from uavcover.model.route import Route
 from uavcover.planner.final_changes import surely
 from uavcover.planner.gap_route import MissingCells, few_enough, grid_places, places_around, plan_closing_route
 from uavcover.planner.search.local_search import SearchStart, Work
-from uavcover.planner.search.route_problem import RouteJudge, RouteProblem, share_seen
+from uavcover.planner.search.route_problem import RouteJudge, RouteProblem, route_problem, share_seen
 from uavcover.planner.set_cover import seen_from_each
-from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, joined, lay_over_terrain
-from uavcover.scenario.site import Site
+from uavcover.planner.terrain_following import PLAIN_TOLERANCE_M, joined, joined_over, lay_over_terrain, route_lattice
+from uavcover.scenario.airspace.lattice import Lattice
+from uavcover.scenario.site import Site, once
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
+from uavcover.sensing.site_maps import planning_map
 
 _MOST_MISSING = 10_000
 """Cells; closing the gaps of more takes seconds."""
@@ -208,7 +210,19 @@ def _with_closing(
         whole = lay_over_terrain(
             site, whole[:, :2], heights_agl_m, tolerance_m=PLAIN_TOLERANCE_M, spacing_m=_CLOSE_SAMPLES_M
         )
+    if _breaks_a_limit(site, whole):
+        if is_over():
+            return None
+        # A path of no length would be no link of a sparse matrix.
+        aside_m = np.array([1e-3, 0.0, 0.0])
+        stops = [np.stack([place, place + aside_m]) for place in closing.route.waypoints_m]
+        whole = joined_over(_lattice(site), [points, *stops])
     return None if _breaks_a_limit(site, whole) else surely(site, Route(whole))
+
+
+@once
+def _lattice(site: Site) -> Lattice:
+    return route_lattice(site, route_problem(planning_map(site), margin_m=0.0, reach_m=0.0).numbers)
 
 
 def _breaks_a_limit(site: Site, points_m: FloatArray) -> bool:
