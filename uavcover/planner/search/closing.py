@@ -211,8 +211,6 @@ def _with_closing(
             site, whole[:, :2], heights_agl_m, tolerance_m=PLAIN_TOLERANCE_M, spacing_m=_CLOSE_SAMPLES_M
         )
     if _breaks_a_limit(site, whole):
-        if is_over():
-            return None
         # A path of no length would be no link of a sparse matrix.
         aside_m = np.array([1e-3, 0.0, 0.0])
         stops = [np.stack([place, place + aside_m]) for place in closing.route.waypoints_m]
