@@ -218,7 +218,7 @@ class MOEAD(PymooOptimizer):
         from pymoo.operators.crossover.sbx import SBX
         from pymoo.operators.mutation.pm import PM
 
-        from uavcover.optimizers.pymoo.moead import GenerationalMOEAD
+        from uavcover.optimizers.pymoo.algorithm import GenerationalMOEAD
 
         n = self._population_size
         return GenerationalMOEAD(
