@@ -4,8 +4,8 @@
 ``udpout://HOST:PORT`` and ``tcp://HOST:PORT`` speak first, ``serial:///dev/tty...:BAUD`` is a radio or a cable. Nothing
 listens beyond this machine unless the URL names such a host. See docs/reference/links.md.
 
-A shared link (a radio, a router, or one port that all speak to) is opened once, and each vehicle has a fraction of it that is a
-link of its own: clients in several threads, one for each vehicle, hear what is for them, and none hears another one's vehicle.
+A shared link (a radio, a router, or one port for all vehicles) is opened once, and each vehicle gets a link of its own over it.
+Clients in several threads, one for each vehicle, hear what is for them, and none hears another one's vehicle.
 """
 
 import contextlib

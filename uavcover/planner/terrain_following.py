@@ -184,8 +184,7 @@ def lay_over_terrain(
 
     Returns:
         (m, 3) ENU waypoints, corners among them. Heights without data are read from the neighbours, so that they are finite
-        and
-        the route can be compared with others; the leg checks report the missing data.
+        and the route can be compared with others; the leg checks report the missing data.
     """
     if len(polyline_m) == 0:
         return np.empty((0, 3))
