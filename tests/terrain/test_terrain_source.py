@@ -111,6 +111,22 @@ def test_no_data_of_tiles_stays_no_data(whole, tmp_path):
     assert np.isfinite(heights[1])
 
 
+@pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.parametrize("parts", [1, 2])
+def test_no_data_may_be_said_by_a_mask(whole, tmp_path, inside, parts):
+    folder = cut(whole, tmp_path / "tiles", parts=parts, crs=None, nodata=None)
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=inside), rasterio.open(folder / "tile-0-0.tif", "r+") as file:
+        known = np.full((file.height, file.width), 255, dtype=np.uint8)
+        known[: file.height // parts] = 0
+        file.write(np.where(known, file.read(1), 0.0).astype(np.float32), 1)
+        file.write_mask(known)
+    tiles = TerrainSource(find_tiles(["tiles"], folder=tmp_path, around=None), crs="EPSG:32632")
+    lat = np.array([LAT + 0.005, LAT - 0.005])
+    heights = read_heights_amsl_m(tiles, "EGM96", lat, np.full(2, LON - 0.004))
+    assert np.isnan(heights[0])
+    assert np.isfinite(heights[1]) == (parts == 2)
+
+
 @pytest.mark.parametrize(
     ("unit", "metres"), [("ft", 0.3048), ("feet", 0.3048), ("US survey foot", 1200 / 3937), ("m", 1.0)]
 )

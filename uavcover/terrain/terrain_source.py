@@ -330,7 +330,6 @@ class _Tile:
     wkt: str
     transform: Any
     size: tuple[int, int]
-    nodata: float | None
     unit: str
     scale: tuple[float, float]
     band: int
@@ -411,7 +410,7 @@ def _tile(file: Path, band: int | str | None, crs_wkt: str | None) -> _Tile:
             scale = (float(dataset.scales[number - 1]), float(dataset.offsets[number - 1]))
             return _Tile(
                 file, name, wkt, dataset.transform, (dataset.width, dataset.height),
-                dataset.nodatavals[number - 1], dataset.units[number - 1] or "", scale, number, *_full_turn(wkt),
+                dataset.units[number - 1] or "", scale, number, *_full_turn(wkt),
             )  # fmt: skip
     except (rasterio.errors.RasterioError, OSError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
@@ -435,12 +434,13 @@ def unreadable(named: object, file: Path, reason: str) -> str:
 
 def _source(tile: _Tile, column: int, row: int) -> str:
     width, height = tile.size
-    nodata = "" if tile.nodata is None else f"<NODATA>{tile.nodata!r}</NODATA>"
     return (
         f'<ComplexSource><SourceFilename relativeToVRT="0">{escape(tile.name)}</SourceFilename>'
         f"<SourceBand>{tile.band}</SourceBand>"
         f'<SrcRect xOff="0" yOff="0" xSize="{width}" ySize="{height}"/>'
-        f'<DstRect xOff="{column}" yOff="{row}" xSize="{width}" ySize="{height}"/>{nodata}</ComplexSource>'
+        f'<DstRect xOff="{column}" yOff="{row}" xSize="{width}" ySize="{height}"/>'
+        # Of the no-data value, a mask, or an alpha band.
+        "<UseMaskBand>true</UseMaskBand></ComplexSource>"
     )
 
 
