@@ -300,6 +300,8 @@ class _Model:
         up = target[:, 2] + self._get["return_height_m"]
         if self._is_px4:
             return number, target, np.maximum(up, self._at[:, 2])
+        if self._get["return_height_m"] < 0.0:  # RTL_ALTITUDE of ArduPlane
+            up = self._at[:, 2]
         return number, target, np.where(number == HOME, up, target[:, 2])
 
     def _destination(self) -> tuple[IntArray, FloatArray, BoolArray]:

@@ -146,6 +146,13 @@ def test_no_fly_zones_have_floor_and_ceiling(floor_agl_m: float, ceiling_amsl_m:
     assert (("no-fly", (2, 3)) in found(outcome)) == enters
 
 
+def test_legs_through_one_zone_are_one_finding() -> None:
+    legs = [way(430.0 + 5.0 * k, 0.0, 115.0) for k in range(9)]
+    near = NoFly(center_lon_lat_deg=lat_lon(450.0, 8.0)[::-1], radius_m=9.0, name="N")
+    outcome = checked(OVER[0], *legs, zones=(zone(None, None), near))
+    assert [one for one in found(outcome) if one[0] == "no-fly"] == [("no-fly", (4, 8)), ("no-fly", (5, 7))]
+
+
 def test_a_return_behind_a_ridge() -> None:
     outcome = checked(*OVER[:3], way(600.0, 100.0, 60.0), item(Command.NAV_LAND, 600.0, 100.0, 0.0), aircraft=COPTER)
     assert found(outcome) == [("return", (3, 4))]

@@ -291,6 +291,21 @@ def test_rally_points_and_parameters_of_files(cli: Cli, tmp_path: Path) -> None:
     )
 
 
+def test_a_return_of_the_mission_has_the_height_of_the_parameters(cli: Cli, tmp_path: Path) -> None:
+    """It was flown at the autopilot's default, whatever the file of parameters said."""
+    file = mission(tmp_path, "22 0 0 110", "16 36.4819 -84.2089 110", "16 36.4819 -84.2089 30", "20 0 0 0")
+    own, plain = tmp_path / "own.param", ("check", file, "--dem", DEM, "--max-height", "none", "--json")
+    for line, more, code in (
+        ("RTL_ALT 12000", [], 0), ("RTL_ALT 2000", [], 1), ("RTL_ALT 2000", ["--return-height", "120m"], 0),
+        ("RTL_ALT 12000", ["--return-height", "20m"], 1), ("RTL_RETURN_ALT 120", ["--autopilot", "px4"], 0),
+        ("RTL_ALTITUDE 120", ["--flies-as", "fixed-wing"], 0), ("ALT_HOLD_RTL 2000", ["--flies-as", "fixed-wing"], 1),
+    ):  # fmt: skip
+        own.write_text(f"{line}\n")
+        findings = cli(*plain, "--parameters", own, *more).document["findings"]
+        low = [one for one in findings if one["kind"] == "ground" and one["items"][1] == 4]
+        assert len(low) == code, (line, more, findings)
+
+
 def test_the_time_is_that_of_the_plan_or_of_the_vehicles_parameters(cli: Cli, planned: Path, tmp_path: Path) -> None:
     dem = ("--dem", "uavcover/data/jacksboro.tif")
     planned_s = json.loads((planned / "plan.json").read_text())["metrics"]["mission_time_s"]

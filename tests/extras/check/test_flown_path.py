@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -117,6 +119,12 @@ def test_speeds_and_delays() -> None:
 def test_arducopter_returns_lower_near_home(height_m: float, distance_m: float, expected_m: float) -> None:
     assert return_height_m(height_m, distance_m, COPTER) == expected_m
     assert return_height_m(height_m, distance_m, PX4) == max(60.0, height_m)
+
+
+def test_returns_by_other_parameters() -> None:
+    assert return_height_m(1.0, 10.0, replace(COPTER, cone_slope=0.0)) == 60.0
+    assert return_height_m(1.0, 10.0, replace(COPTER, cone_slope=1.0)) == 10.0
+    assert return_height_m(80.0, 10.0, replace(PLANE, return_height_m=-1.0)) == 80.0
 
 
 def kinds(path: FlownPath) -> list[str]:

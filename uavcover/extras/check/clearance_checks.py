@@ -227,22 +227,19 @@ def _farthest(part: BaseGeometry, shape: shapely.Geometry) -> tuple[float, tuple
 def zone_findings(path: FlownPath, world: World, around: Surroundings) -> list[CheckFinding]:
     """Segments that enter no-fly zones between their floor and ceiling."""
     check = ZoneCheck(around.zones, world.ground, world.frame)
-    found = []
+    found: dict[int, list[CheckFinding]] = {}
     for segment in path.distinct:
         worst: dict[int, tuple[float, FloatArray]] = {}
         for breach in check.leg_breaches(segment.enu_m):
             begin, end = segment.enu_m[breach.leg], segment.enu_m[breach.leg + 1]
             if breach.depth_m > worst.get(breach.zone, (0.0, None))[0]:
                 worst[breach.zone] = breach.depth_m, begin + breach.at * (end - begin)
-        for number, (depth_m, place) in sorted(worst.items()):
+        for number, (depth_m, place) in worst.items():
             zone = around.zones[number]
             what = f"{depth_m:.1f} m inside no-fly zone {zone.name} ({zone.heights_in_words()})"
-            found.append(
-                segment.found("no-fly", depth_m, what=what, do="move the path around the zone").at(
-                    world.geodetic(place)
-                )
-            )
-    return joined(sorted(found, key=lambda one: one.what.split(" into ")[-1]), lambda one: one.what.split(" into ")[-1])
+            one = segment.found("no-fly", depth_m, what=what, do="move the path around the zone")
+            found.setdefault(number, []).append(one.at(world.geodetic(place)))
+    return [one for number in sorted(found) for one in joined(found[number], lambda one: one.kind)]
 
 
 def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[CheckFinding]:

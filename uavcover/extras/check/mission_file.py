@@ -255,26 +255,24 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
     autopilot = autopilot_name(query.autopilot, stated or read.autopilot or "ardupilot")
     kind: Kind = read.kind or "multirotor"
     if query.kind is not None:
-        known: dict[str, Kind] = {name: name for name in KINDS}
-        if query.kind not in known:
+        kinds: dict[str, Kind] = {name: name for name in KINDS}
+        if query.kind not in kinds:
             raise InputError(f"--flies-as: unknown vehicle type {query.kind!r}; use {', '.join(KINDS)}")
-        kind = known[query.kind]
+        kind = kinds[query.kind]
     own = default_aircraft(autopilot, kind)
     sheet = vehicle or VehicleType("", "")
-    set_m_s: Mapping[str, float] = {}
-    if query.parameters is not None and kind == "multirotor":
-        settings = failsafe_settings(autopilot, read_parameter_file(query.parameters), known=_NOT_SET)
-        set_m_s = {name: value for name, value in settings.values.items() if name in _NOT_SET and not math.isnan(value)}
+    known = {} if query.parameters is None else _set_by(read_parameter_file(query.parameters), autopilot, own)
 
     def first(*values: float | None, default: float) -> float:
         return next((value for value in values if value is not None), default)
 
-    set_cruise_m_s = set_m_s.get("cruise_m_s")
     cruise_m_s = first(
-        query.speed_m_s, read.speed_m_s, set_cruise_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s
+        query.speed_m_s, read.speed_m_s, known.get("cruise_m_s"), sheet.cruise_speed_m_s, default=own.cruise_speed_m_s
     )
     bank_deg = BANK_DEG[autopilot] if query.bank_deg is None else query.bank_deg
-    parts = ["your options"] * (query.speed_m_s is not None) + [str(query.parameters)] * bool(set_m_s)
+    parts = ["your options"] * (query.speed_m_s is not None) + [str(query.parameters)] * any(
+        name.endswith("_m_s") for name in known
+    )
     parts += [sheet.title] if vehicle is not None else []
     return replace(
         own,
@@ -282,16 +280,33 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
         cruise_speed_m_s=cruise_m_s,
         turn_radius_m=radius_of_bank_m(cruise_m_s, bank_deg) if own.has_wings else 0.0,
         acceptance_m=own.acceptance_m * (cruise_m_s / own.cruise_speed_m_s if own.has_wings else 1.0),
-        max_climb_m_s=first(set_m_s.get("climb_m_s"), sheet.max_climb_m_s, default=own.max_climb_m_s),
-        max_descent_m_s=first(set_m_s.get("descent_m_s"), sheet.max_descent_m_s, default=own.max_descent_m_s),
+        max_climb_m_s=first(known.get("climb_m_s"), sheet.max_climb_m_s, default=own.max_climb_m_s),
+        max_descent_m_s=first(known.get("descent_m_s"), sheet.max_descent_m_s, default=own.max_descent_m_s),
         max_airspeed_m_s=sheet.max_speed_m_s,
-        return_height_m=first(query.return_height_m, read.return_height_m, default=own.return_height_m),
+        return_height_m=first(
+            query.return_height_m, known.get("return_height_m"), read.return_height_m, default=own.return_height_m
+        ),
+        cone_slope=first(known.get("cone_slope"), default=own.cone_slope),
         endurance_s=query.endurance_s if query.endurance_s is not None else sheet.endurance_s,
         reserve_fraction=query.reserve_fraction,
     )
 
 
-_NOT_SET: Mapping[str, float] = MappingProxyType(dict.fromkeys(("cruise_m_s", "climb_m_s", "descent_m_s"), math.nan))
+_NOT_SET: Mapping[str, float] = MappingProxyType(
+    dict.fromkeys(("cruise_m_s", "climb_m_s", "descent_m_s", "return_height_m", "cone_slope"), math.nan)
+)
+_PLANE_RETURN: Mapping[str, float] = MappingProxyType({"ALT_HOLD_RTL": 0.01, "RTL_ALTITUDE": 1.0})
+"""ArduPlane's names of the return height, newest last, each with the factor to metres."""
+
+
+def _set_by(parameters: Mapping[str, float], autopilot: AutopilotName, own: Aircraft) -> dict[str, float]:
+    """Speeds and return height that a vehicle's parameters set, by the names in ``data/failsafes.toml``."""
+    values = failsafe_settings(autopilot, parameters, known=_NOT_SET).values
+    if own.has_wings:
+        plane = [parameters[name] * scale for name, scale in _PLANE_RETURN.items() if name in parameters]
+        height_m = values["return_height_m"] if autopilot == "px4" else (plane or [math.nan])[-1]
+        values = {"return_height_m": height_m}
+    return {name: values[name] for name in _NOT_SET if math.isfinite(values.get(name, math.nan))}
 
 
 def planned_vehicle(mission: Path) -> VehicleType | None:

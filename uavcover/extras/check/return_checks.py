@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -103,7 +103,7 @@ def _states(segments: Sequence[Segment], world: World) -> FlightStates:
 
 
 def _settings(aircraft: Aircraft, own: OwnReturn) -> FailsafeSettings:
-    """The vehicle's parameters; what they leave open is as the aircraft has it, where that is not a default itself."""
+    """The vehicle's parameters; what they leave open is as the aircraft has it, and so is the return height."""
     known = {
         "cruise_m_s": aircraft.cruise_speed_m_s, "climb_m_s": aircraft.max_climb_m_s, "descent_m_s": aircraft.max_descent_m_s,
     }  # fmt: skip
@@ -112,7 +112,8 @@ def _settings(aircraft: Aircraft, own: OwnReturn) -> FailsafeSettings:
         known["return_height_m"] = aircraft.return_height_m
     if aircraft.has_wings and aircraft.autopilot == "ardupilot":
         known |= {"rally_limit_m": 5000.0, "rally_with_home": 0.0}
-    return failsafe_settings(aircraft.autopilot, own.parameters, known=known)
+    settings = failsafe_settings(aircraft.autopilot, own.parameters, known=known)
+    return replace(settings, values={**settings.values, "return_height_m": aircraft.return_height_m})
 
 
 def _landing(mission: Mission, segments: Sequence[Segment], aircraft: Aircraft) -> int | None:

@@ -47,7 +47,7 @@ class _Checks:
     directions: int
     least_speed_m_s: float
     fastest_multirotor_m_s: float
-    cone_slope: float
+    least_cone_slope: float
     cone_climb_m: float
 
 

@@ -38,6 +38,7 @@ class Aircraft:
     max_descent_m_s: float = 1.5  # largest downward speed
     max_airspeed_m_s: float | None = None  # largest speed through the air; None: wind does not slow a multirotor
     return_height_m: float = 15.0  # height above home of the autopilot's own return
+    cone_slope: float = 3.0  # of an ArduCopter's return near home; below 0.5 it climbs to the whole height there too
     loiter_radius_m: float = 10.0  # radius of a circle whose item states none
     turn_radius_m: float = 0.0  # smallest radius of a turn at cruise speed; 0 for a multirotor
     acceptance_m: float = 0.0  # how far before a waypoint the next leg is taken, where its item does not say
@@ -98,12 +99,13 @@ def return_height_m(height_above_home_m: float, distance_m: float, aircraft: Air
     """Height above home at which an autopilot returns from a place.
 
     ArduCopter climbs to RTL_ALT, near home no higher than ``cone_slope`` times the distance (ModeRTL::compute_return_target).
+    ArduPlane keeps its height where RTL_ALTITUDE is below 0.
     """
     wanted = aircraft.return_height_m
-    if aircraft.autopilot == "ardupilot" and not aircraft.has_wings:
-        wanted = min(wanted, max(CHECKS.cone_slope * distance_m, CHECKS.cone_climb_m))
-    elif aircraft.has_wings and aircraft.autopilot == "ardupilot":
-        return wanted
+    if aircraft.has_wings and aircraft.autopilot == "ardupilot":
+        return height_above_home_m if wanted < 0.0 else wanted
+    if aircraft.autopilot == "ardupilot" and aircraft.cone_slope >= CHECKS.least_cone_slope:
+        wanted = min(wanted, max(aircraft.cone_slope * distance_m, CHECKS.cone_climb_m))
     return max(wanted, height_above_home_m)
 
 
