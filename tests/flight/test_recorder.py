@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.model.enums import EkfFlag
 from mission_io.wire import messages as m
 from mission_io.wire.messages import Address
 from tests.flight.scene import Scene, make_scene, mission
@@ -82,6 +83,19 @@ def test_the_time_of_day_is_the_vehicles() -> None:
     for unknown in (m.SystemTime(0.0, 49.5), m.SystemTime(49.5, 49.5)):
         assert math.isnan(recorded(None, unknown).unix_time_s)
     assert math.isnan(recorded(None).unix_time_s)
+
+
+def test_a_sample_says_whether_there_is_a_fix() -> None:
+    def has_fix(*told: m.Message) -> float:
+        return recorded(None, *told).has_fix
+
+    filter_flags = EkfFlag.POSITION_HORIZONTAL_ABSOLUTE
+    good, lost = m.EkfStatusReport(int(filter_flags)), m.EkfStatusReport(int(filter_flags | EkfFlag.CONSTANT_POSITION))
+    receiver = [m.GpsRawInt(50.0, fix, 36.5, -84.2, 480.0) for fix in range(7)]
+    assert math.isnan(has_fix())
+    assert [has_fix(each) for each in receiver] == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]
+    assert (has_fix(good), has_fix(lost)) == (1.0, 0.0)
+    assert (has_fix(receiver[3], good), has_fix(receiver[3], lost), has_fix(receiver[1], good)) == (1.0, 0.0, 0.0)
 
 
 def counted(*messages: m.Message) -> int | None:

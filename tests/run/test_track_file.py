@@ -30,6 +30,7 @@ def sample(n: int, **changes) -> TrackSample:
         5.01 - n,
         -0.02 * n,
         1.0 / 3.0,
+        float(n % 2),
     )
     return replace(first, **changes)
 
@@ -56,7 +57,7 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
     columns = [
         track.time_s, track.geodetic, track.enu_m, track.attitude_deg, track.current_waypoint, track.attitude_age_s,
         track.pictures_taken, track.unix_time_s, track.received_utc_s,
-        track.velocity_north_m_s, track.velocity_east_m_s, track.velocity_down_m_s,
+        track.velocity_north_m_s, track.velocity_east_m_s, track.velocity_down_m_s, track.has_fix,
     ]  # fmt: skip
     assert np.array_equal(np.column_stack(columns), expected)
     assert len(track) == 5
@@ -67,7 +68,7 @@ def test_the_header_is_the_columns(tmp_path):
     write(tmp_path / "track.csv", 1)
     header, row = (tmp_path / "track.csv").read_text().splitlines()
     assert header == ",".join([*COLUMNS, *OPTIONAL_COLUMNS])
-    assert row.endswith(",-1,0.0,0.0,1780000000.25,1700000000.0,5.01,-0.0,0.3333333333333333")
+    assert row.endswith(",-1,0.0,0.0,1780000000.25,1700000000.0,5.01,-0.0,0.3333333333333333,0.0")
 
 
 def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
@@ -79,7 +80,7 @@ def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
     assert (
         path.read_text()
         .splitlines()[1]
-        .endswith(",,,359.99,-1,,0.0,1780000000.25,1700000000.0,5.01,-0.0,0.3333333333333333")
+        .endswith(",,,359.99,-1,,0.0,1780000000.25,1700000000.0,5.01,-0.0,0.3333333333333333,0.0")
     )
     track = read_track(path)
     assert np.isnan(track.attitude_deg[0]).tolist() == [True, True, False]
@@ -213,7 +214,7 @@ def test_the_poles_and_the_antimeridian_are_places(tmp_path):
 
 def test_a_short_line_inside_the_file_is_an_error(path):
     lines = path.read_text().splitlines()
-    lines[2] = lines[2].rsplit(",", 9)[0]
+    lines[2] = lines[2].rsplit(",", 10)[0]
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(TrackError, match="line 3, yaw_deg: the value is missing; the line has 9 values"):
         read_track(path)

@@ -173,4 +173,4 @@ def test_a_plain_table_is_read_as_row_by_row(flown, tmp_path, monkeypatch) -> No
     by_row = read_track_with_warnings(path).track
     for name in ("time_s", "geodetic", "enu_m", "attitude_deg", "current_waypoint", *OPTIONAL_COLUMNS):
         assert np.array_equal(getattr(plain, name), getattr(by_row, name), equal_nan=True), name
-    assert len(COLUMNS) + len(OPTIONAL_COLUMNS) == 18
+    assert len(COLUMNS) + len(OPTIONAL_COLUMNS) == 19

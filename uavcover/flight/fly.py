@@ -34,6 +34,7 @@ from uavcover.flight.orders import (
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress, tell_short_battery
 from uavcover.flight.session import Session, Stopped, TakenOverError
+from uavcover.flight.watch import has_fix
 from uavcover.model.limits import is_flight_time
 from uavcover.model.track import (
     VELOCITY_COLUMNS,
@@ -138,6 +139,7 @@ class Recorder:
                 pictures_taken=math.nan if (taken := self._monitor.photos_taken) is None else float(taken),
                 unix_time_s=self._unix_time_s(position.time_boot_s),
                 received_utc_s=self._utc_offset_s + (self._monitor.position_at_s or 0.0),
+                has_fix=has_fix(self._monitor),
                 **self._velocity(position),
             )
         )

@@ -334,6 +334,14 @@ class Watch:
         self.measure(Ending.BATTERY_LOW, 100.0 / max(left, 1) if low else None, text, f"{text} again")
 
 
+def has_fix(monitor: Monitor) -> float:
+    """Whether the vehicle reports a satellite fix and a position estimate, 1 or 0; NaN while it reports neither."""
+    gps, ekf = monitor.latest(m.GpsRawInt), monitor.latest(m.EkfStatusReport)
+    if gps is None and ekf is None:
+        return math.nan
+    return float((gps is None or gps.fix_type >= GpsFix.FIX_3D) and (ekf is None or has_position(ekf)))
+
+
 def has_position(ekf: m.EkfStatusReport) -> bool:
     """Whether ArduPilot's filter knows where the vehicle is."""
     return bool(ekf.flags & EkfFlag.POSITION_HORIZONTAL_ABSOLUTE) and not ekf.flags & EkfFlag.CONSTANT_POSITION

@@ -33,7 +33,8 @@ PICTURES_COLUMN = "pictures_taken"
 UNIX_TIME_COLUMN = "unix_time_s"
 RECEIVED_COLUMN = "received_utc_s"
 VELOCITY_COLUMNS = ("velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s")
-OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN, UNIX_TIME_COLUMN, RECEIVED_COLUMN, *VELOCITY_COLUMNS)
+FIX_COLUMN = "has_fix"
+OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN, UNIX_TIME_COLUMN, RECEIVED_COLUMN, *VELOCITY_COLUMNS, FIX_COLUMN)
 """Last columns, which a file may lack."""
 
 MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", *OPTIONAL_COLUMNS)
@@ -67,6 +68,8 @@ class TrackSample:
     velocity_north_m_s: float = math.nan  # over ground, as the vehicle reports it; NaN when not reported
     velocity_east_m_s: float = math.nan  # the same
     velocity_down_m_s: float = math.nan  # the same
+    # 1 while the vehicle reports a satellite fix and a position estimate, 0 while it lacks one; NaN when it reports neither
+    has_fix: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +89,7 @@ class Track:
         velocity_north_m_s: (n,) see :class:`TrackSample`; default: unknown everywhere.
         velocity_east_m_s: (n,) see :class:`TrackSample`; default: unknown everywhere.
         velocity_down_m_s: (n,) see :class:`TrackSample`; default: unknown everywhere.
+        has_fix: (n,) see :class:`TrackSample`; default: unknown everywhere.
         ranged: (r, 3) latitude, longitude and height above sea level of the ground as a rangefinder that looks down measured it.
         stored: (s, 3) the same as the vehicle's own terrain data has it.
     """
@@ -102,6 +106,7 @@ class Track:
     velocity_north_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
     velocity_east_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
     velocity_down_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    has_fix: FloatArray = field(default_factory=lambda: np.empty(0))
     ranged: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     stored: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 

@@ -173,7 +173,9 @@ direction. In the order of their numbers in ``coverage.tif``.
 PhotoSource = Literal["reported", "predicted"]
 """Whether the photos of a flight are those that its vehicle reported, or those that its track predicts."""
 
-UnobservedReason = Literal["no samples", "impossible motion", "before the first sample", "after the last sample"]
+UnobservedReason = Literal[
+    "no samples", "no satellite fix", "impossible motion", "before the first sample", "after the last sample"
+]
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,7 @@ class _Track:
     spreads: float
     largest_turn_deg: float
     same_view_m: float
+    dead_reckoning_s: float
 
 
 TRACK = data_table(_Track, "uavcover/data/verification.toml", "track")
@@ -360,9 +361,12 @@ def unobserved_stretches(
         seconds = float(track.time_s[k + 1] - track.time_s[k])
         moves = [move for move in motion.moves if move.first < kept[k + 1] and move.last > kept[k]]
         reason: UnobservedReason = "impossible motion" if moves else "no samples"
+        detail = f"impossible motion: {moves[0]}" if moves else f"{seconds:.1f} s without samples"
+        if kept[k + 1] - kept[k] > 1 and not moves:
+            reason, detail = "no satellite fix", f"{seconds:.1f} s without a satellite fix"
         yield stretch_at(
             site, enu_m[k], reason=reason,
-            detail=f"impossible motion: {moves[0]}" if moves else f"{seconds:.1f} s without samples",
+            detail=detail,
             span_s=(float(track.time_s[k]), float(track.time_s[k + 1])),
             length_m=float(np.linalg.norm(enu_m[k + 1] - enu_m[k])), on_route=bool(route[k] or route[k + 1]),
             in_flight=bool(moved.size and moving.size and k + 1 >= moved[0] and k <= moving[-1]),

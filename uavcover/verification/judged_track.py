@@ -46,7 +46,14 @@ from uavcover.verification.safety import (
     track_heights,
     zones_at_unknown_time,
 )
-from uavcover.verification.track_doubts import TrackEnd, ground_tolerance_m, motion_doubts, sampling_doubts, track_ends
+from uavcover.verification.track_doubts import (
+    TrackEnd,
+    ground_tolerance_m,
+    motion_doubts,
+    sampling_doubts,
+    track_ends,
+    without_fix,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +106,8 @@ def judge_track(
         track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s, velocity_m_s=track.velocity_enu_m_s,
         position_error_m=error_m,
     )  # fmt: skip
-    kept = np.flatnonzero(motion.evidence)
+    kept = np.flatnonzero(motion.evidence & ~without_fix(track))
+    kept = kept if len(kept) else np.zeros(1, dtype=np.int64)
     contradiction_m = float(np.max(np.linalg.norm(told_m - track.enu_m, axis=1)))
     whole, enu = track, told_m
     if len(kept) < len(track):

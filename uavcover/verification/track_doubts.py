@@ -13,7 +13,7 @@ import numpy as np
 
 from mission_io.data_tables import data_table
 from mission_io.model.plain_text import counted
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.scenario import Scenario
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
@@ -62,6 +62,13 @@ class TrackEnd:
         side = "above" if self.height_agl_m >= 0.0 else "under"
         moving = "" if self.still else ", in motion"
         return f"the track {self.which} {abs(self.height_agl_m):.1f} m {side} the ground{moving}"
+
+
+def without_fix(track: Track) -> BoolArray:
+    """(n,) samples at which the vehicle had been without a satellite fix for ``TRACK.dead_reckoning_s``: it extrapolated."""
+    lacks = track.has_fix == 0.0
+    last_s = np.maximum.accumulate(np.where(lacks, -np.inf, track.time_s))
+    return np.asarray(lacks & (track.time_s - last_s > TRACK.dead_reckoning_s))
 
 
 def ground_tolerance_m(scenario: Scenario) -> float:

@@ -81,11 +81,12 @@ def _camera_messages(packer: mavlink.MAVLink, pictures: Sequence[Picture]) -> li
 def write_tlog(
     path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, pictures: Sequence[Picture] = (),
     began_unix_s: float | None = None, speed: float = 1.0, ranging: bool = False, stations: tuple[tuple[int, int, int], ...] = (),
-    velocity: bool = False,
+    velocity: bool = False, fixes: Sequence[tuple[int, ...]] = (),
 ) -> None:  # fmt: skip
     """As a ground station writes it: eight bytes of microseconds, then the packet.
 
-    ``stations`` are (system, MAV_TYPE, autopilot) of others that send a position of their own, as ground stations do.
+    ``stations`` are (system, MAV_TYPE, autopilot) of others that send a position of their own, as ground stations do. ``fixes``
+    are what the receivers, one or two, report after each position.
     """
     positions, attitudes = flight()
     with path.open("wb") as file:
@@ -115,6 +116,12 @@ def write_tlog(
                 ]
                 if began_unix_s is not None:
                     messages.append(packer.system_time_encode(round((began_unix_s + t / speed) * 1e6), round(t * 1e3)))
+                zeros = (0, 0, 0, 0, 0, 0, 0, 0)
+                for receiver, fix in enumerate(fixes[k] if fixes else ()):
+                    if receiver == 0:
+                        messages.append(packer.gps_raw_int_encode(0, fix, *zeros))
+                    else:
+                        messages.append(packer.gps2_raw_encode(0, fix, *zeros, 0, 0))
                 if ranging:
                     # A packet's time is that of the position before it; one looks ahead, one is out of range.
                     level = (alt - GROUND_M) / np.prod(np.cos(np.radians([_lean_at(t, 1), _lean_at(t, 2)])))
@@ -176,6 +183,7 @@ class DataflashWriter:
 def write_dataflash(
     path: Path, *, estimated: bool = True, attitude: bool = True, pictures: Sequence[Picture] = (),
     began_unix_s: float | None = None, ranging: bool = False, core: str | None = None, velocity: bool = False,
+    fixes: Sequence[tuple[int, ...]] = (),
 ) -> None:  # fmt: skip
     """``core`` is the message of the estimator's velocities: XKF1 of two cores, the second one primary, or NKF1."""
     positions, attitudes = flight()
@@ -203,15 +211,16 @@ def write_dataflash(
     log.define(3, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw")
     log.define(4, "CAM", "QLL", "TimeUS,Lat,Lng")
     log.define(5, "TRIG", "QLL", "TimeUS,Lat,Lng")
-    for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
+    for k, ((t, lat, lon, alt), (ta, roll, pitch, yaw)) in enumerate(zip(positions, attitudes, strict=True)):
+        first, second = fixes[k] if fixes else (3, 3)
         place = (round(lat * 1e7), round(lon * 1e7), alt)
         if estimated:
             log.write(1, round(t * 1e6), *place, 0.0)
         week, seconds = divmod(t + (began_unix_s + 18 - 315_964_800 if began_unix_s is not None else 0.0), 604_800)
         north, east, down = velocity * velocity_ned_m_s(np.array([t]))[0]
         over_ground = (math.hypot(north, east), math.degrees(math.atan2(east, north)) % 360.0, down)
-        log.write(2, round(t * 1e6), 0, 3, round(seconds * 1e3), int(week), *place, *over_ground)
-        log.write(2, round(t * 1e6), 1, 3, 0, 0, 0, 0, 0.0, 9.0, 9.0, 9.0)  # a second receiver, which is not asked
+        log.write(2, round(t * 1e6), 0, first, round(seconds * 1e3), int(week), *place, *over_ground)
+        log.write(2, round(t * 1e6), 1, second, 0, 0, 0, 0, 0.0, 9.0, 9.0, 9.0)  # a second receiver, which is not asked
         if attitude:
             log.write(3, round(ta * 1e6), round(roll * 100), round(pitch * 100), round(yaw * 100))
     for each in pictures:
@@ -256,7 +265,7 @@ _RECEIVER_FORMATS = {
 
 def write_ulog(
     path: Path, *, pictures: Sequence[Picture] = (), began_unix_s: float | None = None, ranging: bool = False,
-    receiver: str | None = None, velocity: bool = False,
+    receiver: str | None = None, velocity: bool = False, fixes: Sequence[tuple[int, ...]] = (),
 ) -> None:  # fmt: skip
     """Header, flags, formats, subscriptions and data as the ULog specification says."""
     positions, attitudes = flight()
@@ -266,7 +275,9 @@ def write_ulog(
 
     content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
     content += message(b"B", bytes(40))
-    content += message(b"F", b"vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;")
+    content += message(
+        b"F", b"vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;bool dead_reckoning;"
+    )
     content += message(b"F", b"vehicle_attitude:uint64_t timestamp;float[4] q;")
     if receiver is not None:
         fields, layout, (degrees, metres) = _RECEIVER_FORMATS[receiver]
@@ -312,9 +323,10 @@ def write_ulog(
         content += message(b"A", struct.pack("<BH", 0, 9) + b"sensor_gps")
         for t in positions[:, 0]:
             content += message(b"D", struct.pack("<HQQ", 9, round(t * 1e6), round((began_unix_s + t) * 1e6)))
-    for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
+    for k, ((t, lat, lon, alt), (ta, roll, pitch, yaw)) in enumerate(zip(positions, attitudes, strict=True)):
         if receiver is None:
-            content += message(b"D", struct.pack("<HQddf", 0, round(t * 1e6), lat, lon, alt))
+            lost = bool(fixes) and max(fixes[k]) < 3
+            content += message(b"D", struct.pack("<HQddf?", 0, round(t * 1e6), lat, lon, alt, lost))
         content += message(b"D", struct.pack("<HQ4f", 1, round(ta * 1e6), *quaternion(roll, pitch, yaw)))
     for each in pictures:
         content += message(b"D", _of_camera(each, 2 + kinds.index(each.kind)))

@@ -60,6 +60,24 @@ def test_the_time_of_day_is_what_the_receiver_told(tmp_path: Path, name: str) ->
     np.testing.assert_allclose(track.unix_time_s, 1_780_000_000.0 + track.time_s, atol=2e-3)
 
 
+@pytest.mark.parametrize("name", WRITERS)
+def test_it_is_known_whether_there_was_a_fix(tmp_path: Path, name: str) -> None:
+    """Of any receiver: the first one loses it for longer."""
+    path = tmp_path / name
+    fixes = [(1 if 5 <= k < 30 else 4, 0 if 10 <= k < 20 else 3) for k in range(COUNT)]
+    WRITERS[name](path, fixes=fixes)
+    lost = read(path).track.has_fix == 0.0
+    assert np.flatnonzero(lost).tolist() == list(range(10, 20))
+
+
+def test_an_old_report_says_nothing() -> None:
+    fixes = np.array([[21.0, 1.0], [22.0, 0.0]])
+    track = assemble_track(
+        Path("x"), LoggedRows(rows([20.0, 21.5, 23.0, 27.5]), np.empty((0, 4)), fixes=fixes), FRAME
+    ).track
+    np.testing.assert_array_equal(track.has_fix, [np.nan, 1.0, 0.0, np.nan])
+
+
 VELOCITIES = {
     "of the position message": ("flight.tlog", write_tlog, {}),
     "of the primary core": ("flight.bin", write_dataflash, {"core": "XKF1"}),
@@ -240,8 +258,14 @@ def test_positions_before_the_fix_and_repeated_times_are_left_out_and_said() -> 
 
 
 def test_time_that_goes_back_is_refused() -> None:
-    with pytest.raises(TrackError, match=r"goes back from 3.000 s to 2.500 s at position 2"):
-        assemble_track(Path("x"), LoggedRows(rows([1.0, 3.0, 2.5, 4.0]), np.empty((0, 4))), FRAME)
+    with pytest.raises(TrackError, match=r"goes back from 3.000 s to 1.500 s at position 2"):
+        assemble_track(Path("x"), LoggedRows(rows([1.0, 3.0, 1.5, 4.0]), np.empty((0, 4))), FRAME)
+
+
+def test_positions_in_another_order_are_left_out() -> None:
+    loaded = assemble_track(Path("x"), LoggedRows(rows([1.0, 3.0, 2.5, 2.9, 4.0]), np.empty((0, 4))), FRAME)
+    assert loaded.track.time_s.tolist() == [1.0, 3.0, 4.0]
+    assert "2 repeated or late positions were ignored" in loaded.warnings[0]
 
 
 def test_attitude_is_read_only_where_there_is_some_near() -> None:

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_io.data_tables import data_table
 from mission_io.formats.text import plain_float
 from mission_io.model.enums import VehicleKind, kind_of
 from uavcover.errors import TrackError
@@ -41,6 +42,23 @@ class LoggedRows:
     lost: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     # (v, 4) time in seconds, reported velocity over ground north, east and down in m/s; empty: not reported
     velocities: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    # (f, 2) time in seconds of a receiver's report, and 1 if any receiver has a fix in space, otherwise 0; empty: not reported
+    fixes: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Logs:
+    picture_place_error_m: float
+    picture_time_error_s: float
+    clock_spread_s: float
+    most_lean_cos: float
+    max_attitude_gap_s: float
+    max_velocity_gap_s: float
+    max_fix_age_s: float
+    max_late_s: float
+
+
+LOGS = data_table(_Logs, "uavcover/data/verification.toml", "logs")
 
 
 _MAGIC = b"\xa3\x95"
@@ -80,6 +98,7 @@ def read_dataflash(path: Path) -> LoggedRows:
     cameras: dict[str, list[tuple[float, ...]]] = {"CAM": [], "TRIG": []}
     ranges: list[tuple[float, ...]] = []
     stored: list[tuple[float, ...]] = []
+    fixes: list[tuple[float, int, bool]] = []
     complaints = io.StringIO()
     # The reader prints a line for each damaged byte (its compiled index writes to stderr directly, out of reach here).
     with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
@@ -101,7 +120,10 @@ def read_dataflash(path: Path) -> LoggedRows:
                         primary = _note_estimate(velocities, message, primary)
                     elif kind == "ATT":
                         attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
-                    elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
+                    else:
+                        fixes.append((message.TimeUS * 1e-6, getattr(message, "I", 0), message.Status >= _FIX_3D))
+                        if fixes[-1][1:] != (0, True):
+                            continue
                         measured.append(_row(message, "Lat", "Lng", "Alt"))
                         clock.append(_clock_row(message))
                         velocities["GPS"] += _gps_velocity(message)
@@ -129,7 +151,18 @@ def read_dataflash(path: Path) -> LoggedRows:
         velocities=np.array(
             (velocities["XKF1"] or velocities["NKF1"] if estimated else []) or velocities["GPS"]
         ).reshape(-1, 4),
+        fixes=_any_fix(fixes),
     )
+
+
+def _any_fix(reports: list[tuple[float, int, bool]]) -> FloatArray:
+    """(f, 2) time, and whether any receiver has a fix, from time, receiver and fix of each report."""
+    latest: dict[int, float] = {}
+    rows = []
+    for time_s, receiver, has_fix in reports:
+        latest[receiver] = time_s if has_fix else -math.inf
+        rows.append((time_s, float(time_s - max(latest.values()) <= LOGS.max_fix_age_s)))
+    return np.array(rows).reshape(-1, 2)
 
 
 def _note_estimate(velocities: dict[str, list[tuple[float, ...]]], message: Any, primary: int) -> int:
@@ -194,7 +227,7 @@ def _row(message: Any, *names: str) -> tuple[float, ...]:
 _Source = tuple[int, int]
 _TELEMETRY_TYPES = (
     "GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME", "HEARTBEAT", "CAMERA_FEEDBACK", "CAMERA_IMAGE_CAPTURED",
-    "DISTANCE_SENSOR", "RANGEFINDER", "TERRAIN_REPORT",
+    "DISTANCE_SENSOR", "RANGEFINDER", "TERRAIN_REPORT", "GPS_RAW_INT", "GPS2_RAW",
 )  # fmt: skip
 _TRACKERS = (5,)
 """MAV_TYPE of antenna trackers, which fly an autopilot's firmware and nothing else."""
@@ -235,6 +268,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     now_s: dict[int, float] = {}
     ranges: dict[str, _Rows] = {"DISTANCE_SENSOR": defaultdict(list), "RANGEFINDER": defaultdict(list)}
     stored: _Rows = defaultdict(list)
+    fixes: dict[_Source, list[tuple[float, int, bool]]] = defaultdict(list)
     log = mavutil.mavlogfile(str(path), robust_parsing=True)
     try:
         while (message := log.recv_match(type=[*_TELEMETRY_TYPES])) is not None:
@@ -251,6 +285,10 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
                 continue
             if kind in ranges:
                 ranges[kind][source] += _range(message, now_s.get(source[0]))
+                continue
+            if kind.startswith("GPS"):
+                if source[0] in now_s:
+                    fixes[source].append((now_s[source[0]], int(kind == "GPS2_RAW"), message.fix_type >= _FIX_3D))
                 continue
             if kind == "TERRAIN_REPORT":
                 if message.spacing > 0:
@@ -298,7 +336,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     return LoggedRows(
         np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), pictures, warnings,
         np.array(clocks[source]).reshape(-1, 2), np.array(measured).reshape(-1, 2), np.array(stored[source]).reshape(-1, 3),
-        _lost(counted), np.array(velocities[source]),
+        _lost(counted), np.array(velocities[source]), _any_fix(fixes[source]),
     )  # fmt: skip
 
 

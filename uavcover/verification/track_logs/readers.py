@@ -20,7 +20,7 @@ from uavcover.model.limits import is_flight_time
 from uavcover.model.track import VELOCITY_COLUMNS, ReadTrack, Track
 from uavcover.plugins import load, registered
 from uavcover.terrain.frames import LocalFrame
-from uavcover.verification.track_logs.logged_rows import LoggedRows, read_dataflash, read_gpx, read_telemetry
+from uavcover.verification.track_logs.logged_rows import LOGS, LoggedRows, read_dataflash, read_gpx, read_telemetry
 
 _Velocity = tuple[str, tuple[str, str, str], tuple[str, ...]]
 _RECEIVERS = ("vehicle_gps_position", "sensor_gps")
@@ -79,7 +79,7 @@ def read_ulog(path: Path) -> LoggedRows:
     ranges = _ranges(datasets.get("distance_sensor"))
     return LoggedRows(
         positions.astype(float), attitudes, pictures, tuple(warnings), _clock(datasets), ranges,
-        velocities=_velocities(datasets, _VELOCITIES if position else _VELOCITIES[2:]),
+        velocities=_velocities(datasets, _VELOCITIES if position else _VELOCITIES[2:]), fixes=_fixes(datasets),
     )  # fmt: skip
 
 
@@ -123,6 +123,18 @@ def _velocities(datasets: dict[str, dict[str, Any]], topics: Sequence[_Velocity]
                 counts &= np.asarray(topic[key]) != 0
             return np.asarray(rows[counts])
     return np.empty((0, 4))
+
+
+def _fixes(datasets: dict[str, dict[str, Any]]) -> FloatArray:
+    """(f, 2) time, and whether the estimator does not extrapolate its position; otherwise whether the receiver has a fix."""
+    for name, key, least in (
+        ("vehicle_global_position", "dead_reckoning", 0),
+        *((r, "fix_type", _FIX_3D) for r in _RECEIVERS),
+    ):
+        if key in (topic := datasets.get(name, {})):
+            state = np.asarray(topic[key])
+            return np.column_stack([topic["timestamp"] * 1e-6, state >= least if least else state == 0])
+    return np.empty((0, 2))
 
 
 def _ranges(sensor: dict[str, Any] | None) -> FloatArray:
@@ -241,24 +253,11 @@ class _Clock:
 CLOCK = data_table(_Clock, "uavcover/data/verification.toml", "clock")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Logs:
-    picture_place_error_m: float
-    picture_time_error_s: float
-    clock_spread_s: float
-    most_lean_cos: float
-    max_attitude_gap_s: float
-    max_velocity_gap_s: float
-
-
-LOGS = data_table(_Logs, "uavcover/data/verification.toml", "logs")
-
-
 def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack:
     """Make one sample for each position, with its attitude interpolated, or NaN where no rows are near.
 
-    Positions at latitude and longitude 0 (no fix yet) and repeated times are dropped, with a warning. Such a log does not
-    know the plan's waypoints: ``current_waypoint`` is -1 throughout.
+    Positions at latitude and longitude 0 (no fix yet), repeated times and positions that came late are dropped, with a warning.
+    Such a log does not know the plan's waypoints: ``current_waypoint`` is -1 throughout.
 
     Raises:
         TrackError: no position, one that is not a position on Earth, or time that goes back.
@@ -275,16 +274,16 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         raise TrackError(f"{path}: the log contains no positions")
     # The largest time so far: any row not later than that repeats or goes back.
     before = np.concatenate([[-np.inf], np.maximum.accumulate(positions[:, 0])[:-1]])
-    back = positions[:, 0] < before
+    back = before - positions[:, 0] > LOGS.max_late_s
     if back.any():
         at = int(np.argmax(back))
         raise TrackError(
             f"{path}: time goes back from {before[at]:.3f} s to {positions[at, 0]:.3f} s at position {at}; the "
             "vehicle restarted, or two logs were joined; use the log of a single flight"
         )
-    repeated = positions[:, 0] == before
+    repeated = positions[:, 0] <= before
     if repeated.any():
-        again = counted(int(repeated.sum()), "position with a repeated time was", "positions with a repeated time were")
+        again = counted(int(repeated.sum()), "repeated or late position was", "repeated or late positions were")
         warnings.append(f"{path}: {again} ignored")
         positions = positions[~repeated]
     bad = ~(np.isfinite(positions).all(axis=1) & (np.abs(positions[:, 1]) <= 90.0) & (np.abs(positions[:, 2]) <= 180.0))
@@ -314,6 +313,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             current_waypoint=np.full(len(positions), -1, dtype=np.int64),
             pictures_taken=pictures_taken,
             unix_time_s=positions[:, 0] + _unix_offsets_s(rows.clock, positions[:, 0]),
+            has_fix=_fixes_at(positions[:, 0], rows.fixes.reshape(-1, 2)),
             ranged=_ranged(frame, positions, rows.attitudes.reshape(-1, 4), rows.ranges.reshape(-1, 2)),
             stored=rows.stored.reshape(-1, 3).copy(),
             **dict(zip(VELOCITY_COLUMNS, velocity.T.copy(), strict=True)),
@@ -421,6 +421,13 @@ def attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
     out[near, 0] = (out[near, 0] + 180.0) % 360.0 - 180.0
     out[near, 2] %= 360.0
     return out
+
+
+def _fixes_at(time_s: FloatArray, fixes: FloatArray) -> FloatArray:
+    """(n,) the latest of (f, 2) reports of a fix at each of (n,) times; NaN where it is old, or there is none."""
+    before = np.searchsorted(fixes[:, 0], time_s, side="right")
+    known = np.vstack([[-np.inf, np.nan], fixes])[before]
+    return np.where(time_s - known[:, 0] <= LOGS.max_fix_age_s, known[:, 1], np.nan)
 
 
 def _velocities_at(time_s: FloatArray, velocities: FloatArray) -> FloatArray:
